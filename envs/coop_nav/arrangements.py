@@ -16,21 +16,22 @@ walls on a grid with random starts and goals (`grid_map`).
 """
 
 import math
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from swarmdata.envs.coop_nav.grid_map import MappedPlaces, places_on_map
+from swarmdata.envs.coop_nav.grid_map import walls_on_map
 from swarmdata.envs.coop_nav.navigation_rules import (
     Corridor,
     Doorway,
     GridMap,
     Lanes,
     NavigationRules,
+    RandomArrangement,
     Ranks,
     Swap,
 )
-from swarmdata.envs.coop_nav.ranks import ROUNDING_MARGIN, RankedGoals, arrange_ranks
+from swarmdata.envs.coop_nav.ranks import ROUNDING_MARGIN, Place, arrange_ranks
 from swarmdata.envs.world.spawn import (
     LAYOUT_OFFSET,
     check_fixed_layout,
@@ -50,22 +51,19 @@ PASSAGE_MARGIN = 0.1
 
 
 @kernel
-def _arrange(
-    seeds: Seeds,
-    copies: Int,
-    layout: Float,
-    anchors: Double,
-    jitter: float,
-    is_turned: bool,
-    has_heading: Bool,
-    layouts: Float,
-    robots: Float,
+def _place(
+    anchors: Double,  # [N, 2] starts without jitter, m
+    jitter: float,  # m
+    is_turned: bool,  # starts are rotated, and goals are opposite; else goals are mirrored in x
+    has_heading: Bool,  # [N] whether a heading is drawn
+    seeds: Seeds,  # see `Place`
+    copies: Int,  # the same
+    robots: Float,  # the same
 ) -> None:
-    """Writes the episodes `seeds` into `copies`; see `Arranged.spawn`."""
+    """Implements `Place`."""
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
         b = copies[k]
-        layouts[b] = layout
         state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
         cos, sin = 1.0, 0.0
         if is_turned:
@@ -80,43 +78,23 @@ def _arrange(
             put_at_rest(state, has_heading[i], robot)
 
 
-@dataclass(frozen=True, eq=False)
-class Arranged:
-    """A fixed layout, and where the robots of a team start in it."""
-
-    layout: Float  # [M, 8]
-    anchors: Double  # [N, 2] starts without jitter, m
-    jitter: float  # m
-    is_turned: bool  # starts are rotated, and goals are opposite; else goals are mirrored in x
-    has_heading: Bool  # [N] whether a heading is drawn
-
-    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
-        """Writes the episodes `seeds` into the rows `copies`.
-
-        Args:
-            seeds: one for each copy to write.
-            copies: rows to write.
-            layouts: written, [E, M, 8].
-            robots: written, columns `state_layout.ROBOT`, [E, N, 8].
-        """
-        _arrange(
-            seeds, copies, self.layout, self.anchors, self.jitter, self.is_turned,
-            self.has_heading, layouts, robots,
-        )  # fmt: skip
-
-
-def arrange(spec: TaskSpec) -> Arranged | RankedGoals | MappedPlaces:
+def arrange(spec: TaskSpec) -> tuple[Float | None, Place | None]:
     """Builds the arrangement that the rules of `coop_nav` name.
+
+    Returns:
+        Its obstacles, [M, 8], and what writes starts and goals; None for what is drawn at random.
 
     Raises:
         SpecError: a part of the spec does not apply to the arrangement, or the robots do not fit.
     """
     rules = spec.rules_as(NavigationRules)
     kind = rules.arrangement
+    if isinstance(kind, RandomArrangement):
+        return None, None
     if isinstance(kind, Ranks):
-        return arrange_ranks(spec)
+        return np.zeros((0, 8), np.float32), arrange_ranks(spec, kind)
     if isinstance(kind, GridMap):
-        return places_on_map(spec, kind.rows, kind.cell)
+        return walls_on_map(spec, kind.rows, kind.cell), None
     if rules.goals != "assigned":
         raise SpecError(
             f"rules.goals is {rules.goals!r} with arrangement {kind.kind!r}: robots that swap "
@@ -129,10 +107,8 @@ def arrange(spec: TaskSpec) -> Arranged | RankedGoals | MappedPlaces:
         layout, anchors = _passage(spec, kind.width, kind.thickness, 1), _sides(spec, kind)
     elif isinstance(kind, Corridor):
         layout, anchors = _passage(spec, kind.width, kind.length, 2), _sides(spec, kind)
-    elif isinstance(kind, Lanes):
-        layout, anchors = lane_boxes(spec, kind), lane_starts(spec, kind, *_margins(spec))
     else:
-        raise SpecError("arrangement 'random' has no fixed layout; use spawn.spawn_random")
+        layout, anchors = lane_boxes(spec, kind), lane_starts(spec, kind, *_margins(spec))
     if isinstance(kind, Swap):
         away = kind.circle_radius - math.sqrt(2) * kind.jitter
     else:
@@ -143,13 +119,8 @@ def arrange(spec: TaskSpec) -> Arranged | RankedGoals | MappedPlaces:
             f"goals of arrangement {kind.kind!r} can be {nearest:.2f} m from their starts, less "
             f"than spawn.min_goal_distance ({spec.spawn.min_goal_distance:g} m). Reduce either."
         )
-    return Arranged(
-        layout=layout,
-        anchors=anchors,
-        jitter=kind.jitter,
-        is_turned=isinstance(kind, Swap),
-        has_heading=np.array([robot.dynamics == "unicycle" for robot in spec.robots]),
-    )
+    has_heading = np.array([robot.dynamics == "unicycle" for robot in spec.robots])
+    return layout, partial(_place, anchors, kind.jitter, isinstance(kind, Swap), has_heading)
 
 
 def _margins(spec: TaskSpec) -> tuple[float, float, float]:

@@ -58,23 +58,14 @@ from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, St
 
 @kernel
 def score_navigation(
-    before: Float,
-    after: Float,
-    active: Bool,
-    goal_radius: float,
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # [E, S] states after the step
+    active: Bool,  # [E]
+    goal_radius: float,  # m
+    terms: Float,  # [E, N, R] progress and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Writes the task's own terms of the active copies, and whether all robots are at goals.
-
-    Args:
-        before: states before the step, [E, S].
-        after: states after the step, [E, S].
-        active: [E].
-        goal_radius: m.
-        terms: progress and time are written, [E, N, R].
-        solved: written, [E].
-    """
+    """Writes the task's own terms of the active copies, and whether all robots are at goals."""
     for b in range(before.shape[0]):
         if not active[b]:
             continue
@@ -113,12 +104,11 @@ class CoopNav:
     def __init__(self, spec: TaskSpec) -> None:
         rules, n = spec.rules_as(NavigationRules), spec.n_agents
         self.spec = spec
-        is_random = rules.arrangement.kind == "random"
         self._plan = SpawnPlan.of(spec)
-        self._arranged = None if is_random else arrange(spec)
+        self._layout, self._place = arrange(spec)
         self.kinds: Int = self._plan.kinds
-        if self._arranged is not None:
-            self.kinds = self._arranged.layout[:, 0].astype(np.int64)
+        if self._layout is not None:
+            self.kinds = self._layout[:, 0].astype(np.int64)
         self.movables: tuple[Payload, ...] = ()
         self.extras: tuple[Column, ...] = ()
         self.features: tuple[Feature, ...] = ()
@@ -150,8 +140,10 @@ class CoopNav:
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
         robots = robots_of(states, self.spec.n_agents)
-        if self._arranged is not None:
-            self._arranged.spawn(seeds, copies, layouts, robots)
+        if self._layout is not None:
+            layouts[copies] = self._layout
+        if self._place is not None:
+            self._place(seeds, copies, robots)
         else:
             spawn_random(self.spec, self._plan, seeds, copies, layouts, robots)
         self.complete(states, copies)

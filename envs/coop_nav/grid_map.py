@@ -5,15 +5,14 @@ that every goal can be reached from every start if a robot fits through a cell.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.envs.world.spawn import SpawnPlan, check_fixed_layout, spawn_random
+from swarmdata.envs.world.spawn import check_fixed_layout
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Float, Int, Seeds
+from swarmdata.types import Bool, Float
 
 LEAST_CELLS = 4
 """Free cells for each robot, so that starts and goals find places."""
@@ -22,26 +21,8 @@ CELL_MARGIN = 0.1
 """Smallest excess width (m) of a cell over a robot with its clearance."""
 
 
-@dataclass(frozen=True, eq=False)
-class MappedPlaces:
-    """Walls of a map; starts and goals are drawn as without a map."""
-
-    spec: TaskSpec
-    plan: SpawnPlan
-    layout: Float  # [M, 8]
-
-    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
-        """Writes the episodes `seeds` into the rows `copies`, as `arrangements.Arranged` does.
-
-        Raises:
-            SpawnError: no places were found.
-        """
-        layouts[copies] = self.layout
-        spawn_random(self.spec, self.plan, seeds, copies, layouts, robots)
-
-
-def places_on_map(spec: TaskSpec, rows: Sequence[str], cell: float) -> MappedPlaces:
-    """Builds the walls of a map, and draws places in it.
+def walls_on_map(spec: TaskSpec, rows: Sequence[str], cell: float) -> Float:
+    """Returns the walls of a map, [M, 8], between which a spec's robots start.
 
     Args:
         spec: the task.
@@ -73,7 +54,7 @@ def places_on_map(spec: TaskSpec, rows: Sequence[str], cell: float) -> MappedPla
             f"the largest part of the map has {free.sum()} free cells, expected at least "
             f"{LEAST_CELLS * spec.n_agents} for {spec.n_agents} robots"
         )
-    return MappedPlaces(spec, SpawnPlan.of(spec), walls(rows, cell))
+    return walls(rows, cell)
 
 
 def largest_part(rows: Sequence[str]) -> Bool:

@@ -7,7 +7,8 @@ goals: if the robots S follow rule y and the others rule x, all goals are covere
 and a cycle leaves no set unchanged but the empty and the full one.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -27,18 +28,21 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds
 ROUNDING_MARGIN = 1e-5
 """Extra distance (m) between places, so that rounding to float32 cannot violate the limits."""
 
+Place = Callable[[Seeds, Int, Float], None]
+"""Writes starts and targets of the episodes of some seeds into as many rows of robots [E, N, 8]."""
+
 
 @kernel
 def _place(
-    seeds: Seeds,
-    copies: Int,
     starts: Double,
     goals: Double,
     jitter: float,
     has_heading: Bool,
+    seeds: Seeds,
+    copies: Int,
     robots: Float,
 ) -> None:
-    """Writes the episodes `seeds` into `copies`; see `RankedGoals.spawn`."""
+    """Implements `Place`; starts and goals, from left to right, are without jitter, m, [N, 2]."""
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
         state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)
@@ -51,28 +55,6 @@ def _place(
             put_at_rest(state, has_heading[i], robot)
 
 
-@dataclass(frozen=True, eq=False)
-class RankedGoals:
-    """Where the robots of a team start, and their goals, in an arena without obstacles."""
-
-    layout: Float  # [0, 8]
-    starts: Double  # [N, 2] without jitter, m
-    goals: Double  # [N, 2] without jitter, m, from left to right
-    jitter: float  # m
-    has_heading: Bool  # [N] whether a heading is drawn
-
-    def spawn(self, seeds: Seeds, copies: Int, layouts: Float, robots: Float) -> None:
-        """Writes the episodes `seeds` into the rows `copies`.
-
-        Args:
-            seeds: one for each copy to write.
-            copies: rows to write.
-            layouts: there are no obstacles, [E, 0, 8].
-            robots: written, columns `state_layout.ROBOT`, [E, N, 8].
-        """
-        _place(seeds, copies, self.starts, self.goals, self.jitter, self.has_heading, robots)
-
-
 def is_cycle(order: tuple[int, ...]) -> bool:
     """Whether `order` is a permutation of 0, 1, ... that is one cycle through all of them."""
     if sorted(order) != list(range(len(order))):
@@ -83,16 +65,14 @@ def is_cycle(order: tuple[int, ...]) -> bool:
     return length == len(order)
 
 
-def arrange_ranks(spec: TaskSpec) -> RankedGoals:
-    """Builds the arrangement `ranks` of a spec.
+def arrange_ranks(spec: TaskSpec, ranks: Ranks) -> Place:
+    """Returns what writes the episodes of the arrangement `ranks`, which has no obstacles.
 
     Raises:
         SpecError: a part of the spec does not apply to it, the order is no cycle, or the robots or
             goals do not fit.
     """
     rules = spec.rules_as(NavigationRules)
-    ranks = rules.arrangement
-    assert isinstance(ranks, Ranks)
     if rules.goals != "unassigned":
         raise SpecError(
             f"rules.goals is {rules.goals!r} with arrangement 'ranks', expected 'unassigned': its "
@@ -111,13 +91,10 @@ def arrange_ranks(spec: TaskSpec) -> RankedGoals:
     columns = (np.arange(n) - middle) * ranks.spacing
     height = (n - 1) * ranks.spacing + ranks.distance
     rows = np.array(order) * ranks.spacing + ranks.distance - height / 2
-    return RankedGoals(
-        layout=np.zeros((0, 8), np.float32),
-        starts=np.stack([columns, np.full(n, -height / 2)], axis=1),
-        goals=np.stack([columns, rows], axis=1),
-        jitter=ranks.jitter,
-        has_heading=np.array([robot.dynamics == "unicycle" for robot in spec.robots]),
-    )
+    starts = np.stack([columns, np.full(n, -height / 2)], axis=1)
+    goals = np.stack([columns, rows], axis=1)
+    has_heading = np.array([robot.dynamics == "unicycle" for robot in spec.robots])
+    return partial(_place, starts, goals, ranks.jitter, has_heading)
 
 
 def _check_room(spec: TaskSpec, ranks: Ranks) -> None:

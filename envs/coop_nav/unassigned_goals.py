@@ -95,25 +95,16 @@ def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
 
 @kernel
 def score_coverage(
-    before: Float,
-    after: Float,
-    active: Bool,
-    radius: float,
-    scratch: tuple[Double, Double, Int],
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # [E, S] states after the step; targets are written
+    active: Bool,  # [E]
+    radius: float,  # of goals, m
+    scratch: tuple[Double, Double, Int],  # overwritten: costs [N, N], and the memory of
+    # `assignment.assign`
+    terms: Float,  # [E, N, R] progress and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Writes targets, the task's own terms, and whether all goals are covered, in active copies.
-
-    Args:
-        before: states before the step, [E, S].
-        after: states after the step; targets are written, [E, S].
-        active: [E].
-        radius: of goals, m.
-        scratch: overwritten: costs [N, N], and the memory of `assignment.assign`.
-        terms: progress and time are written, [E, N, R].
-        solved: written, [E].
-    """
+    """Writes targets, the task's own terms, and whether all goals are covered, in active copies."""
     n = terms.shape[1]
     costs, work, places = scratch
     for b in range(before.shape[0]):

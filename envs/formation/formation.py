@@ -92,28 +92,17 @@ def score_formation(state: Float, tolerance: float, terms: Float) -> bool:
 
 @kernel
 def advance(
-    states: Float,
-    times: Int,
-    active: Bool,
-    course: Course,
-    rule: tuple[float, int],
-    scratch: Scratch,
-    terms: Float,
-    solved: Bool,
+    states: Float,  # [E, S] robots are those after the step; targets and extras are written
+    times: Int,  # [E] control steps taken
+    active: Bool,  # [E]
+    course: Course,  # of the spec
+    rule: tuple[float, int],  # tolerance, m, and steps in formation that solve the task. A plain
+    # tuple, since named ones are slower to pass
+    scratch: Scratch,  # overwritten
+    terms: Float,  # [E, N, R] deviation, time and velocity are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Completes the states of the active copies and scores them.
-
-    Args:
-        states: robots are those after the step; targets and extras are written, [E, S].
-        times: control steps taken, [E].
-        active: [E].
-        course: of the spec.
-        rule: tolerance, m, and steps in formation that solve the task. A plain tuple, since named
-            ones are slower to pass.
-        scratch: overwritten.
-        terms: deviation, time and velocity are written, [E, N, R].
-        solved: written, [E].
-    """
+    """Completes the states of the active copies and scores them."""
     tolerance, needed = rule
     held = N_COLUMNS * course[0].shape[0] + HELD
     for b in range(states.shape[0]):

@@ -202,18 +202,14 @@ def _draw_one(
 
 @kernel
 def _draw(
-    seeds: Seeds, copies: Int, plan: EpisodePlan, points: int, layouts: Float, states: Float
+    seeds: Seeds,  # [len(copies)] episode seeds
+    copies: Int,  # rows to write
+    plan: EpisodePlan,  # of the spec
+    points: int,  # where the control points begin in a state
+    layouts: Float,  # [E, M, 8] written
+    states: Float,  # [E, S] robots at rest and control points are written
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
-
-    Args:
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        plan: of the spec.
-        points: where the control points begin in a state.
-        layouts: written, [E, M, 8].
-        states: robots at rest and control points are written, [E, S].
-    """
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     state, n = np.empty(1, np.uint64), plan.spawn.radii.shape[0]
     poses = np.empty((plan.checks.shape[0], 4))
     for k in range(copies.shape[0]):

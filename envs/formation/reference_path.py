@@ -148,19 +148,15 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
 
 @kernel
 def fits(
-    x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
+    x: float,  # point, m
+    y: float,  # point, m
+    ux: float,  # direction of the edge that led to it, unit vector
+    uy: float,  # the same
+    plan: PathPlan,  # the same for every episode
+    n_edges: int,  # number of edges after the point
+    side: float,  # 1 to turn left, -1 to turn right
 ) -> bool:
-    """Whether a point, and the shortest edges with the sharpest turns after it, are in the box.
-
-    Args:
-        x: point, m.
-        y: point, m.
-        ux: direction of the edge that led to it, unit vector.
-        uy: the same.
-        plan: the same for every episode.
-        n_edges: number of edges after the point.
-        side: 1 to turn left, -1 to turn right.
-    """
+    """Whether a point, and the shortest edges with the sharpest turns after it, are in the box."""
     edge = MIN_EDGE_SHARE * plan.longest
     for _ in range(n_edges):
         if abs(x) > plan.room[0] or abs(y) > plan.room[1]:

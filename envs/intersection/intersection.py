@@ -194,31 +194,18 @@ def start_trips(seeds: Seeds, copies: Int, entries: Double, headway: float, stat
 
 @kernel
 def serve_trips(
-    before: Float,
-    after: Float,
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    entries: Double,
-    exits: Double,
-    rules: tuple[float, float, int, float],
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # states after the step; targets and extras, as before it, are updated
+    seeds: Seeds,  # [E]
+    times: Int,  # [E] control steps since the reset, this one included
+    active: Bool,  # [E]
+    entries: Double,  # [4, 2] of the junction
+    exits: Double,  # [4, 2] of the junction
+    rules: tuple[float, float, int, float],  # goal radius, m; headway, s; quota; control step, s
+    terms: Float,  # [E, N, R] progress, entry, crossing and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Lets robots enter and leave in the active copies, and scores the step.
-
-    Args:
-        before: states before the step, [E, S].
-        after: states after the step; targets and extras are still those before it, and are updated.
-        seeds: [E].
-        times: control steps since the reset, this one included, [E].
-        active: [E].
-        entries: of the junction, [4, 2].
-        exits: of the junction, [4, 2].
-        rules: goal radius, m; headway, s; quota; control step, s.
-        terms: progress, entry, crossing and time are written, [E, N, R].
-        solved: written, [E].
-    """
+    """Lets robots enter and leave in the active copies, and scores the step."""
     goal_radius, headway, quota, dt = rules
     n = terms.shape[1]
     for b in range(before.shape[0]):

@@ -26,6 +26,15 @@ class Contacts(NamedTuple):
     # or a lower bound of it
 
 
+class Moving(NamedTuple):
+    """What moves in C worlds whose episodes begin; limits and payloads may be those of all."""
+
+    robots: Double  # [C, N, 6] with their velocities
+    bodies: Double  # [C, K, 7] movable bodies, with their velocities
+    limits: Double  # [N, 9] or [C, N, 9] of the robots, `dynamics.limits_of`
+    payloads: Double  # [K, 4] or [C, K, 4] of the bodies, `episode_bodies.payload_rows`
+
+
 @kernel(inline="always")
 def write_state(robots: Double, bodies: Double, state: Float) -> None:
     """Writes one copy's robots [N, 6] and bodies [K, 7] to its state [S]; targets stay."""
@@ -45,26 +54,13 @@ class Backend(Protocol):
     in float64; states contain them rounded to float32.
     """
 
-    def reset(
-        self,
-        copies: Int,
-        layouts: Float,
-        robots: Double,
-        bodies: Double,
-        limits: Double,
-        payloads: Double,
-    ) -> None:
+    def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
         """Starts new worlds in `copies`, from which their history must not show in any bit.
 
         Args:
             copies: rows to reset, [C].
             layouts: obstacles of all copies, [E, M, 8].
-            robots: of these copies, with their velocities, [C, N, 6].
-            bodies: movable bodies of these copies, with their velocities, [C, K, 7].
-            limits: of the robots, `dynamics.limits_of`, [N, 9], or those of each of these
-                copies, [C, N, 9].
-            payloads: of the movable bodies, `episode_bodies.payload_rows`, [K, 4], or those of
-                each of these copies, [C, K, 4].
+            moving: in these copies.
         """
         ...
 

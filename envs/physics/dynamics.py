@@ -57,32 +57,19 @@ def limits_of(spec: TaskSpec) -> Double:
 
 @kernel
 def begin_step(
-    limits: Double,
-    active: Bool,
-    commands: Double,
-    actions: Float | Double,
-    terminations: Bool,
-    truncations: Bool,
-    old_times: Int,
-    old_states: Float,
-    times: Int,
-    states: Float,
-    events: Counts,
+    limits: Double,  # [N, 9]
+    active: Bool,  # [E] written: the copies that have not ended
+    commands: Double,  # [E, N, 2] written
+    actions: Float | Double,  # [E, N, A] the first two columns are commands
+    terminations: Bool,  # [E] of the step before
+    truncations: Bool,  # [E] of the step before
+    old_times: Int,  # [E] of the step before
+    old_states: Float,  # [E, S] of the step before
+    times: Int,  # [E] written: the old times, plus one in active copies
+    states: Float,  # [E, S] written: the old states
+    events: Counts,  # [E, N, 4] written: zeros
 ) -> int:
     """Finds the active copies, clips their commands, and begins their step.
-
-    Args:
-        limits: [N, 9].
-        active: written: the copies that have not ended, [E].
-        commands: written, [E, N, 2].
-        actions: the first two columns are commands, [E, N, A].
-        terminations: of the step before, [E].
-        truncations: of the step before, [E].
-        old_times: of the step before, [E].
-        old_states: of the step before, [E, S].
-        times: written: the old times, plus one in active copies, [E].
-        states: written: the old states, [E, S].
-        events: written: zeros, [E, N, 4].
 
     Returns:
         The number of active copies; -1 if an action of one of them is not finite.
@@ -171,25 +158,15 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
 
 @kernel(inline="always")
 def drive(
-    robots: Double,
-    commands: Double,
-    limits: Double,
-    n_substeps: int,
-    dt: float,
-    k: int,
-    out: Double,
+    robots: Double,  # [N, 6] columns x, y, vx, vy, ux, uy; headings are turned
+    commands: Double,  # [N, 2] clipped
+    limits: Double,  # [N, 9]
+    n_substeps: int,  # physics steps in a control step
+    dt: float,  # length of a physics step, s
+    k: int,  # number of the physics step, from 0
+    out: Double,  # m/s^2, [N, 2]; kept for holonomic robots after the first physics step
 ) -> None:
-    """Writes the accelerations of one copy's robots in physics step `k` of a control step.
-
-    Args:
-        robots: columns x, y, vx, vy, ux, uy; headings are turned, [N, 6].
-        commands: clipped, [N, 2].
-        limits: [N, 9].
-        n_substeps: physics steps in a control step.
-        dt: length of a physics step, s.
-        k: number of the physics step, from 0.
-        out: m/s^2, [N, 2]; kept for holonomic robots after the first physics step.
-    """
+    """Writes the accelerations of one copy's robots in physics step `k` of a control step."""
     for i in range(robots.shape[0]):
         if limits[i, UNICYCLE] == 1.0:
             out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], dt)

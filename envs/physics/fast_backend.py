@@ -17,7 +17,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 import pymunk
 
-from swarmdata.envs.physics.backend import Contacts, Plan, write_state
+from swarmdata.envs.physics.backend import Contacts, Moving, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import FRICTION, MASS, N_LIMITS, drive
 from swarmdata.envs.physics.episode_bodies import (
@@ -309,24 +309,17 @@ class FastBackend:
         self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
         self._layouts: Float | None = None
 
-    def reset(
-        self,
-        copies: Int,
-        layouts: Float,
-        robots: Double,
-        bodies: Double,
-        limits: Double,
-        payloads: Double,
-    ) -> None:
+    def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
         self._layouts = layouts
-        self.spaces.robots[copies], self.spaces.movables[copies] = robots, bodies
-        self.spaces.limits[copies], self.spaces.payloads[copies] = limits, payloads
-        self.spaces.solver_dt[copies] = UNWRITTEN
-        for row, b in enumerate(copies.tolist()):
+        ours = self.spaces
+        ours.robots[copies], ours.movables[copies] = moving.robots, moving.bodies
+        ours.limits[copies], ours.payloads[copies] = moving.limits, moving.payloads
+        ours.solver_dt[copies] = UNWRITTEN
+        for b in copies.tolist():
             if self._owners[b] is None:
-                self._build(b, layouts[b], robots[row], bodies[row])
+                self._build(b, layouts[b])
 
-    def _build(self, b: int, layout: Float, robots: Double, movables: Double) -> None:
+    def _build(self, b: int, layout: Float) -> None:
         from pymunk._chipmunk_cffi import ffi  # noqa: PLC0415  (checked by load_addresses)
 
         def address(pointer: Any) -> int:
@@ -334,7 +327,7 @@ class FastBackend:
 
         ours = self.spaces
         space, bodies = build_space(
-            self._plan, layout, robots, movables, ours.limits[b], ours.payloads[b]
+            self._plan, layout, ours.robots[b], ours.movables[b], ours.limits[b], ours.payloads[b]
         )
         self._owners[b] = space, bodies
         ours.spaces[b] = address(space._space)

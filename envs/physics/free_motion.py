@@ -80,25 +80,15 @@ def static_gap(px: float, py: float, radius: float, layout: Float, half: Double)
 
 @kernel(inline="always")
 def is_free(
-    robots: Double,
-    ahead: float,
-    travel: Double,
-    radii: Double,
-    layout: Float,
-    half: Double,
-    slack: Double,
+    robots: Double,  # [N, 6]
+    ahead: float,  # s; gaps are those after robots have moved by their velocities for this time
+    travel: Double,  # [N] how much further they may move, m
+    radii: Double,  # [N] m
+    layout: Float,  # [M, 8] obstacles
+    half: Double,  # [2] half width and half height of the arena, m
+    slack: Double,  # [N, 3] read and written, `backend.Contacts.slack` of this copy
 ) -> bool:
-    """Whether every gap stays above `SEPARATION_GAP`.
-
-    Args:
-        robots: [N, 6].
-        ahead: s; gaps are those after robots have moved by their velocities for this time.
-        travel: how much further they may move, m, [N].
-        radii: m, [N].
-        layout: obstacles, [M, 8].
-        half: half width and half height of the arena, m, [2].
-        slack: read and written, `backend.Contacts.slack` of this copy, [N, 3].
-    """
+    """Whether every gap stays above `SEPARATION_GAP`."""
     n = robots.shape[0]
     for i in range(n):
         px, py = robots[i, 0] + robots[i, 2] * ahead, robots[i, 1] + robots[i, 3] * ahead

@@ -8,7 +8,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.physics.backend import Contacts, Plan, write_state
+from swarmdata.envs.physics.backend import Contacts, Moving, Plan, write_state
 from swarmdata.envs.physics.dynamics import N_LIMITS, drive
 from swarmdata.envs.physics.free_motion import move
 from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
@@ -57,17 +57,9 @@ class KinematicBackend:
         )
         self._block = ArgumentBlock(self.motion, MOTION)
 
-    def reset(
-        self,
-        copies: Int,
-        layouts: Float,
-        robots: Double,
-        bodies: Double,
-        limits: Double,
-        payloads: Double,
-    ) -> None:
-        self.motion.robots[copies], self.motion.bodies[copies] = robots, bodies
-        self.motion.limits[copies] = limits
+    def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
+        self.motion.robots[copies], self.motion.bodies[copies] = moving.robots, moving.bodies
+        self.motion.limits[copies] = moving.limits
 
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float

@@ -20,25 +20,15 @@ from swarmdata.types import Bool, Double, Int, Seeds
 
 @kernel
 def _follow(
-    active: Bool,
-    times: Int,
-    delays: Int,
-    shares: Double,
-    given: Double,
-    motors: Double,
-    commands: Double,
+    active: Bool,  # [E]
+    times: Int,  # [E] control steps taken, this one included
+    delays: Int,  # [E, N] control steps
+    shares: Double,  # [E, N] 1 - exp(-dt / lag)
+    given: Double,  # [E, D + 1, N, 2] the last commands, a ring over time
+    motors: Double,  # [E, N, 2] commands of the motors, read and written
+    commands: Double,  # [E, N, 2] read and written
 ) -> None:
-    """Replaces the commands of the active copies by those that reach the motors.
-
-    Args:
-        active: [E].
-        times: control steps taken, this one included, [E].
-        delays: control steps, [E, N].
-        shares: 1 - exp(-dt / lag), [E, N].
-        given: the last commands, a ring over time, [E, D + 1, N, 2].
-        motors: commands of the motors, read and written, [E, N, 2].
-        commands: read and written, [E, N, 2].
-    """
+    """Replaces the commands of the active copies by those that reach the motors."""
     depth = given.shape[1]
     for b in range(commands.shape[0]):
         if not active[b]:

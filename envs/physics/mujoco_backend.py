@@ -16,7 +16,7 @@ from typing import Annotated, Any, NamedTuple
 import mujoco
 import numpy as np
 
-from swarmdata.envs.physics.backend import Contacts, Plan, write_state
+from swarmdata.envs.physics.backend import Contacts, Moving, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import MASS, N_LIMITS, drive
 from swarmdata.envs.physics.free_motion import is_free
@@ -200,19 +200,11 @@ class MujocoBackend:
         self._copies: list[_Copy | None] = [None] * n_copies
         self._is_open: Bool = np.zeros(n_copies, np.bool_)  # whether MuJoCo looks for no contacts
 
-    def reset(
-        self,
-        copies: Int,
-        layouts: Float,
-        robots: Double,
-        bodies: Double,
-        limits: Double,
-        payloads: Double,
-    ) -> None:
+    def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
         ours = self.worlds
-        ours.robots[copies], ours.bodies[copies] = robots, bodies
-        ours.layouts[copies], ours.limits[copies] = layouts[copies], limits
-        loads = np.broadcast_to(payloads, (len(copies), *payloads.shape[-2:]))
+        ours.robots[copies], ours.bodies[copies] = moving.robots, moving.bodies
+        ours.layouts[copies], ours.limits[copies] = layouts[copies], moving.limits
+        loads = np.broadcast_to(moving.payloads, (len(copies), *moving.payloads.shape[-2:]))
         for b, load in zip(copies.tolist(), loads, strict=True):
             self._start(b, load)
 

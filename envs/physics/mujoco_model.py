@@ -76,19 +76,15 @@ def steps_in(physics_dt: float) -> int:
 
 @kernel
 def _write_shapes(
-    layout: Float, geoms: Int, pos: Double, quat: Double, size: Double, reach: Double, box: Double
+    layout: Float,  # [M, 8] obstacles
+    geoms: Int,  # their geoms, as many as each has bars, at least one
+    pos: Double,  # [G, 3] m
+    quat: Double,  # [G, 4]
+    size: Double,  # [G, 3] radius or half lengths, m
+    reach: Double,  # [G] of the bounding spheres, m
+    box: Double,  # [G, 6] bounding boxes, centre and half lengths, m
 ) -> None:
-    """Writes obstacles to the geoms of a model.
-
-    Args:
-        layout: obstacles, [M, 8].
-        geoms: their geoms, as many as each has bars, at least one.
-        pos: m, [G, 3].
-        quat: [G, 4].
-        size: radius or half lengths, m, [G, 3].
-        reach: of the bounding spheres, m, [G].
-        box: bounding boxes, centre and half lengths, m, [G, 6].
-    """
+    """Writes obstacles to the geoms of a model."""
     s = 0
     for m in range(layout.shape[0]):
         row = layout[m].astype(np.float64)

@@ -158,17 +158,14 @@ def start(robot: Double, positions: Double, velocities: Double) -> None:
 
 @kernel(inline="always")
 def wheel_speeds(
-    robot: Double, command: Double, limit: Double, radius: float
+    robot: Double,  # [6] x, y, vx, vy, ux, uy
+    command: Double,  # [2] clipped
+    limit: Double,  # [9] row of the limits
+    radius: float,  # of the robot, m
 ) -> tuple[float, float]:
     """Returns the speeds of the left and right wheel (rad/s) that a unicycle's command asks for.
 
     They are ahead of the robot by no more than what its largest force along the floor takes.
-
-    Args:
-        robot: x, y, vx, vy, ux, uy, [6].
-        command: clipped, [2].
-        limit: row of the limits, [9].
-        radius: of the robot, m.
     """
     ahead = robot[2] * robot[4] + robot[3] * robot[5]
     top, lead = limit[SPEED], limit[ACCELERATION] * limit[MASS] * RESPONSE_TIME

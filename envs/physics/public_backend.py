@@ -13,7 +13,7 @@ from weakref import WeakSet
 import numpy as np
 import pymunk
 
-from swarmdata.envs.physics.backend import Contacts, Plan, write_state
+from swarmdata.envs.physics.backend import Contacts, Moving, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import FRICTION, MASS, N_LIMITS, drive
 from swarmdata.envs.physics.episode_bodies import (
@@ -190,17 +190,9 @@ class PublicBackend:
         self._robots: Double = np.zeros((n_copies, n, 6))
         self._bodies: Double = np.zeros((n_copies, len(plan.movables), 7))
 
-    def reset(
-        self,
-        copies: Int,
-        layouts: Float,
-        robots: Double,
-        bodies: Double,
-        limits: Double,
-        payloads: Double,
-    ) -> None:
-        self._robots[copies], self._bodies[copies] = robots, bodies
-        self._limits[copies], self._payloads[copies] = limits, payloads
+    def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
+        self._robots[copies], self._bodies[copies] = moving.robots, moving.bodies
+        self._limits[copies], self._payloads[copies] = moving.limits, moving.payloads
         for b in copies.tolist():
             self._layouts[b] = layouts[b].copy()
             self._worlds[b] = self._new_world(b) if self._plan.movables else None

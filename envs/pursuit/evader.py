@@ -120,18 +120,15 @@ EVADERS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 
 @kernel(error_model="numpy")
 def slide(
-    x: float, y: float, dx: float, dy: float, layout: Float, half: Double, radius: float
+    x: float,  # of its centre, m, where it is free
+    y: float,  # the same
+    dx: float,  # m; less than the radius, or it may pass through bars
+    dy: float,  # the same
+    layout: Float,  # [M, 8] obstacles
+    half: Double,  # [2] half width and half height of the arena, m
+    radius: float,  # of the disc, m
 ) -> tuple[float, float]:
     """Where a disc comes to that moves by (dx, dy), along obstacles and walls in its way.
-
-    Args:
-        x: of its centre, m, where it is free.
-        y: the same.
-        dx: m; less than the radius, or it may pass through bars.
-        dy: the same.
-        layout: obstacles, [M, 8].
-        half: half width and half height of the arena, m, [2].
-        radius: of the disc, m.
 
     Returns:
         A place where it is free: the place where it was, if the way round is not that simple.
@@ -164,23 +161,14 @@ def slide(
 
 @kernel(error_model="numpy")
 def heading_value(
-    heading: int,
-    place: tuple[float, float],
-    seen: Double,
-    stays: bool,
-    layout: Float,
-    model: EvaderModel,
+    heading: int,  # row of `model.headings`
+    place: tuple[float, float],  # of the evader, m
+    seen: Double,  # [P, 2] places of the pursuers that it sees, m
+    stays: bool,  # whether these stay where they are; otherwise they drive at the evader
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
 ) -> float:
-    """How good it is to flee along a heading; see the module.
-
-    Args:
-        heading: row of `model.headings`.
-        place: of the evader, m.
-        seen: places of the pursuers that it sees, m, [P, 2].
-        stays: whether these stay where they are; otherwise they drive at the evader.
-        layout: obstacles, [M, 8].
-        model: of evaders.
-    """
+    """How good it is to flee along a heading; see the module."""
     time = model.lookahead / N_ROLL_STEPS
     step, reach = model.speed * time, model.pursuer_speed * time
     dx, dy = step * model.headings[heading, 0], step * model.headings[heading, 1]
@@ -223,16 +211,13 @@ def best_heading(
 
 @kernel
 def look_for_pursuers(
-    place: tuple[float, float], robots: Double, layout: Float, model: EvaderModel, seen: Double
+    place: tuple[float, float],  # of the evader, m
+    robots: Double,  # [N, 2] their places, m
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
+    seen: Double,  # [N, 2] written, m
 ) -> tuple[int, float]:
     """Writes the places of the pursuers that an evader sees.
-
-    Args:
-        place: of the evader, m.
-        robots: their places, m, [N, 2].
-        layout: obstacles, [M, 8].
-        model: of evaders.
-        seen: written, m, [N, 2].
 
     Returns:
         How many it sees, and the distance to the nearest of them, m.
@@ -275,25 +260,15 @@ def wander(
 
 @kernel(error_model="numpy")
 def move_among(
-    place: tuple[float, float],
-    dx: float,
-    dy: float,
-    robots: Double,
-    radii: Double,
-    layout: Float,
-    model: EvaderModel,
+    place: tuple[float, float],  # of the evader, m
+    dx: float,  # m
+    dy: float,  # the same
+    robots: Double,  # [N, 2] their places after the step, m
+    radii: Double,  # [N] of the robots, m
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
 ) -> tuple[float, float]:
-    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots.
-
-    Args:
-        place: of the evader, m.
-        dx: m.
-        dy: the same.
-        robots: their places after the step, m, [N, 2].
-        radii: of the robots, m, [N].
-        layout: obstacles, [M, 8].
-        model: of evaders.
-    """
+    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots."""
     x, y = place
     length = math.sqrt(dx * dx + dy * dy)
     n_parts = 1 + int(2.0 * length / model.radius)

@@ -111,25 +111,15 @@ def places_of(state: Float, n: int) -> Double:
 
 @kernel
 def move_evader(
-    new: Float,
-    k: int,
-    bits: np.uint64,
-    robots: Double,
-    moved: Double,
-    layout: Float,
-    chase: Chase,
+    new: Float,  # [S] the state, with the evader as before the step; changed
+    k: int,  # index of the evader
+    bits: np.uint64,  # random
+    robots: Double,  # [N, 2] their places before the step, by which it decides, m
+    moved: Double,  # [N, 2] their places after the step, to which it gives way, m
+    layout: Float,  # [M, 8] obstacles
+    chase: Chase,  # constants
 ) -> None:
-    """Moves evader k for a control step.
-
-    Args:
-        new: the state, with the evader as before the step; changed, [S].
-        k: index of the evader.
-        bits: random.
-        robots: their places before the step, by which it decides, m, [N, 2].
-        moved: their places after the step, to which it gives way, m, [N, 2].
-        layout: obstacles, [M, 8].
-        chase: constants.
-    """
+    """Moves evader k for a control step."""
     columns, model = chase.columns, chase.model
     at, u, v = columns.places + 2 * k, columns.headings + 2 * k, columns.velocities + 2 * k
     place = (np.float64(new[at]), np.float64(new[at + 1]))
@@ -181,29 +171,17 @@ def target_distance(state: Float, i: int) -> float:
 
 @kernel
 def serve_pursuits(
-    before: Float,
-    after: Float,
-    layouts: Float,
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    chase: Chase,
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # states after the step; targets and extras, as before it, are updated
+    layouts: Float,  # [E, M, 8]
+    seeds: Seeds,  # [E]
+    times: Int,  # [E] control steps since the reset, this one included
+    active: Bool,  # [E]
+    chase: Chase,  # constants
+    terms: Float,  # [E, N, R] progress, capture and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Moves and captures evaders in the active copies, lets robots look, and scores the step.
-
-    Args:
-        before: states before the step, [E, S].
-        after: states after the step; targets and extras are still those before it, and are updated.
-        layouts: [E, M, 8].
-        seeds: [E].
-        times: control steps since the reset, this one included, [E].
-        active: [E].
-        chase: constants.
-        terms: progress, capture and time are written, [E, N, R].
-        solved: written, [E].
-    """
+    """Moves and captures evaders in the active copies, lets robots look, and scores the step."""
     columns, n = chase.columns, terms.shape[1]
     for b in range(before.shape[0]):
         if not active[b]:

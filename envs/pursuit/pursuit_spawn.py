@@ -25,18 +25,14 @@ from swarmdata.types import Double, Float, Int, Seeds
 
 @kernel
 def place_robots(
-    state: Seeds, plan: SpawnPlan, corner: int, size: float, layout: Float, starts: Float
+    state: Seeds,  # [1] of the generator
+    plan: SpawnPlan,  # of the spec
+    corner: int,  # 0 to 3; its bits say whether it is at the right, and whether at the top
+    size: float,  # side of the square, m
+    layout: Float,  # [M, 8]
+    starts: Float,  # [N, 2] written
 ) -> bool:
-    """Draws the robots' starts in a square in a corner; returns False if one found no place.
-
-    Args:
-        state: of the generator, [1].
-        plan: of the spec.
-        corner: 0 to 3; its bits say whether it is at the right, and whether at the top.
-        size: side of the square, m.
-        layout: [M, 8].
-        starts: written, [N, 2].
-    """
+    """Draws the robots' starts in a square in a corner; returns False if one found no place."""
     for i in range(plan.radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
             if attempt == PLACE_TRIES:
@@ -51,18 +47,14 @@ def place_robots(
 
 @kernel
 def place_evaders(
-    state: Seeds, plan: SpawnPlan, radii: Double, layout: Float, starts: Float, evaders: Float
+    state: Seeds,  # [1] of the generator
+    plan: SpawnPlan,  # of the spec
+    radii: Double,  # [K] of the evaders, m
+    layout: Float,  # [M, 8]
+    starts: Float,  # [N, 2] of the robots, m
+    evaders: Float,  # [K, 2] written, m
 ) -> bool:
-    """Draws the evaders' places, away from all starts; returns False if one found none.
-
-    Args:
-        state: of the generator, [1].
-        plan: of the spec.
-        radii: of the evaders, m, [K].
-        layout: [M, 8].
-        starts: of the robots, m, [N, 2].
-        evaders: written, m, [K, 2].
-    """
+    """Draws the evaders' places, away from all starts; returns False if one found none."""
     most = plan.min_goal_distance * plan.min_goal_distance
     for k in range(radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -83,29 +75,17 @@ def place_evaders(
 
 @kernel
 def start_pursuits(
-    seeds: Seeds,
-    copies: Int,
-    plan: SpawnPlan,
-    start_size: float,
-    radii: Double,
-    sight_range: float,
-    columns: Columns,
-    layouts: Float,
-    states: Float,
+    seeds: Seeds,  # [len(copies)] episode seeds
+    copies: Int,  # rows to write
+    plan: SpawnPlan,  # of the spec
+    start_size: float,  # side of the square in which robots start, m
+    radii: Double,  # [K] of the evaders, m
+    sight_range: float,  # of the robots, m
+    columns: Columns,  # of the states
+    layouts: Float,  # [E, M, 8] written
+    states: Float,  # [E, S] written
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
-
-    Args:
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        plan: of the spec.
-        start_size: side of the square in which robots start, m.
-        radii: of the evaders, m, [K].
-        sight_range: of the robots, m.
-        columns: of the states.
-        layouts: written, [E, M, 8].
-        states: written, [E, S].
-    """
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n, state = plan.radii.shape[0], np.empty(1, np.uint64)
     for c in range(copies.shape[0]):
         row, layout = states[copies[c]], layouts[copies[c]]

@@ -79,18 +79,14 @@ def sighting(state: Float, i: int, k: int, columns: Columns) -> Sighting:
 
 @kernel
 def remember(
-    state: Float, i: int, layout: Float, sight_range: float, dt: float, columns: Columns
+    state: Float,  # [S] changed
+    i: int,  # index of the robot
+    layout: Float,  # [M, 8] obstacles
+    sight_range: float,  # m
+    dt: float,  # s
+    columns: Columns,  # of the state
 ) -> None:
-    """Lets robot i look, and forget, after a time `dt`; nothing to do if it sees everything.
-
-    Args:
-        state: changed, [S].
-        i: index of the robot.
-        layout: obstacles, [M, 8].
-        sight_range: m.
-        dt: s.
-        columns: of the state.
-    """
+    """Lets robot i look, and forget, after a time `dt`; nothing to do if it sees everything."""
     if columns.memory < 0:
         return
     x, y = np.float64(state[N_COLUMNS * i]), np.float64(state[N_COLUMNS * i + 1])

@@ -30,6 +30,12 @@ DROPPED_COLOR: Color = (171, 112, 112)
 PAYLOAD_COLOR: Color = (226, 182, 122)
 PAYLOAD_EDGE_COLOR: Color = (150, 103, 47)
 
+PURE_COLORS: tuple[Color, ...] = (
+    WHITE, FLOOR_COLOR, GRID_COLOR, OBSTACLE_COLOR, TEXT_COLOR, CONTACT_COLOR, UNASSIGNED_COLOR,
+    DROPPED_COLOR, PAYLOAD_COLOR, PAYLOAD_EDGE_COLOR,
+)  # fmt: skip
+"""All colors of a picture but those of robots."""
+
 
 def robot_color(i: int) -> Color:
     """Returns the color of robot number `i`; colors repeat after 32."""

@@ -124,10 +124,11 @@ def paint(canvas: Canvas, scene: Scene, caption: str | None) -> Any:
     draw_targets(canvas, scene)
     draw_trails(canvas, scene)
     if scene.scan is not None:
-        draw_fans(canvas, scene)
+        draw_fans(canvas, scene, scene.scan)
         _draw_obstacles(canvas, scene.layout)  # again, so that fans do not shade the obstacles
     draw_bodies(canvas, scene)
-    draw_hits(canvas, scene)
+    if scene.scan is not None:
+        draw_hits(canvas, scene, scene.scan)
     draw_messages(canvas, scene)
     draw_robots(canvas, scene)
     if caption is not None:
@@ -220,16 +221,11 @@ hide each other (partial edge drawing: Bruckdorfer and Kaufmann, "Mad at Edge Cr
 Edges!", 2012)."""
 
 _STUB_LENGTH = 0.3  # m, length of a link's end where links are crowded
-_LINK_SAGITTA_SHARE = (
-    0.13  # sagitta of a link, as a share of its length; each direction bends to its own left
-)
+_LINK_SAGITTA_SHARE = 0.13  # of a link's length; each direction bends to its own left
 
 
-def draw_fans(canvas: Canvas, scene: Scene) -> None:
+def draw_fans(canvas: Canvas, scene: Scene, scan: Scan) -> None:
     """Draws pale fans over the area that the rays of a lidar cover, and the rays as thin lines."""
-    scan = scene.scan
-    if scan is None:
-        return
     n_fans = len(scan.shown)  # one fan is strong; more than four are paler the more there are
     strength = 1.8 if n_fans == 1 else min(1.0, 2.0 / math.sqrt(n_fans))
     for i in scan.shown:
@@ -240,11 +236,8 @@ def draw_fans(canvas: Canvas, scene: Scene) -> None:
             canvas.line(ray, ink(robot_color(i), 0.3 * strength), 0.008)
 
 
-def draw_hits(canvas: Canvas, scene: Scene) -> None:
+def draw_hits(canvas: Canvas, scene: Scene, scan: Scan) -> None:
     """Draws a dot where each ray hits something."""
-    scan = scene.scan
-    if scan is None:
-        return
     for i in scan.shown:
         for x, y in _ends(scene, scan, i)[scan.is_hit[i]].tolist():
             canvas.disc(x, y, 0.026, robot_color(i))

@@ -6,10 +6,11 @@ import shutil
 import subprocess
 import tempfile
 import uuid
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,20 +19,7 @@ from typing import Any, Literal
 import numpy as np
 
 from swarmdata.envs.render.canvas import pillow
-from swarmdata.envs.render.colors import (
-    CONTACT_COLOR,
-    DROPPED_COLOR,
-    FLOOR_COLOR,
-    GRID_COLOR,
-    OBSTACLE_COLOR,
-    PAYLOAD_COLOR,
-    PAYLOAD_EDGE_COLOR,
-    TEXT_COLOR,
-    UNASSIGNED_COLOR,
-    WHITE,
-    robot_color,
-    tint,
-)
+from swarmdata.envs.render.colors import PURE_COLORS, robot_color, tint
 from swarmdata.envs.render.drawn_scene import Scene, build_scan, build_scene
 from swarmdata.envs.render.picture import backdrop, draw, paint, save_png
 from swarmdata.errors import ProgramError, SchemaError
@@ -43,20 +31,6 @@ VIDEO_SUFFIXES = (".gif", ".mp4")
 
 _REST_SECONDS = 2.0  # s on the last state
 _STILL = 255  # index of pixels that stay as they are, which the palette does not use
-
-
-@dataclass(frozen=True)
-class Clip:
-    """The options of an animation; see the arguments of `animate`."""
-
-    size: int = 384
-    stride: int = 1
-    trail_steps: int = 30
-    scans: Float | None = None
-    scan_range: float | None = None
-    focus: int | None = None
-    attempted: Bool | None = None
-    has_messages: bool = True
 
 
 def animate(
@@ -99,46 +73,60 @@ def animate(
             f"got path {str(path)!r}, stride {stride}, trail_steps {trail_steps}; "
             "expected a '.gif' or '.mp4', a stride of at least 1 and trail_steps of at least 0."
         )
-    clip = Clip(size, stride, trail_steps, scans, scan_range, focus, attempted, has_messages)
     for name, array in (("scans", scans), ("attempted", attempted)):
         if array is not None and len(array) != len(episode) + 1:
             raise SchemaError(
                 f"{name} has {len(array)} rows, expected {len(episode) + 1}: one for each state."
             )
-    seconds = spec.control_dt * stride
+    has_messages &= episode.delivered.shape[-1] > 0
+
+    scene_at = partial(
+        _scene, episode, spec, stride=stride, trail_steps=trail_steps, scans=scans,
+        scan_range=scan_range, focus=focus, attempted=attempted, has_messages=has_messages,
+    )  # fmt: skip
+    frames, seconds = _frames(episode, spec, scene_at, size, stride), spec.control_dt * stride
     if path.suffix.lower() == ".gif":
-        write_gif(list(frames_of(episode, spec, clip)), path, seconds)
+        write_gif(list(frames), path, seconds)
     else:
-        write_mp4(frames_of(episode, spec, clip), path, seconds)
+        write_mp4(frames, path, seconds)
 
 
-def frames_of(episode: Episode, spec: TaskSpec, clip: Clip) -> Iterator[Any]:
+def _frames(
+    episode: Episode, spec: TaskSpec, scene_at: Callable[[int], Scene], size: int, stride: int
+) -> Iterator[Any]:
     """Yields Pillow images of every `stride`-th state and the last one, all of the same size."""
     blank = None
-    for t in sorted({*range(0, len(episode), clip.stride), len(episode)}):
-        scene = _scene(episode, spec, clip, t)
-        blank = blank or backdrop(scene, clip.size, has_caption=True)
+    for t in sorted({*range(0, len(episode), stride), len(episode)}):
+        scene = scene_at(t)
+        blank = blank or backdrop(scene, size, has_caption=True)
         text = f"{t * spec.control_dt:4.1f} s    step {t} of {spec.horizon}"
         if t == len(episode):
             text += f"    {_outcome(episode)}"
         yield paint(blank.copy(), scene, text)
 
 
-def _scene(episode: Episode, spec: TaskSpec, clip: Clip, t: int) -> Scene:
-    scan, messages = None, None
-    if clip.scans is not None:
-        scan = build_scan(spec, clip.scans[t], clip.scan_range, clip.focus)
-    if clip.has_messages and episode.delivered.shape[-1] > 0:
-        attempted = None if clip.attempted is None else clip.attempted[t]
-        messages = episode.delivered[t], attempted
+def _scene(
+    episode: Episode,
+    spec: TaskSpec,
+    t: int,
+    *,
+    stride: int,
+    trail_steps: int,
+    scans: Float | None,
+    scan_range: float | None,
+    focus: int | None,
+    attempted: Bool | None,
+    has_messages: bool,
+) -> Scene:
+    tried = None if attempted is None else attempted[t]
     return build_scene(
         spec,
         episode.layout,
         episode.states[t],
-        trails=episode.states[max(0, t - clip.trail_steps) : t + 1],
-        events=episode.events[max(0, t - clip.stride) : t].max(axis=0, initial=0),
-        scan=scan,
-        messages=messages,
+        trails=episode.states[max(0, t - trail_steps) : t + 1],
+        events=episode.events[max(0, t - stride) : t].max(axis=0, initial=0),
+        scan=None if scans is None else build_scan(spec, scans[t], scan_range, focus),
+        messages=(episode.delivered[t], tried) if has_messages else None,
     )
 
 
@@ -171,19 +159,8 @@ def write_gif(frames: list[Any], path: Path, seconds: float) -> None:
 def _palette(frames: list[Any]) -> Any:
     """Returns the pure colors, so that rare contacts stay red, and common ones of three frames."""
     pil = pillow()
-    pure = [
-        WHITE,
-        FLOOR_COLOR,
-        GRID_COLOR,
-        OBSTACLE_COLOR,
-        TEXT_COLOR,
-        CONTACT_COLOR,
-        UNASSIGNED_COLOR,
-        DROPPED_COLOR,
-        PAYLOAD_COLOR,
-        PAYLOAD_EDGE_COLOR,
-    ]
-    pure += [tint(robot_color(i), strength) for i in range(16) for strength in (1.0, 0.5)]
+    robots = (tint(robot_color(i), strength) for i in range(16) for strength in (1.0, 0.5))
+    pure = [*PURE_COLORS, *robots]
     shown = (frames[0], frames[len(frames) // 2], frames[-1])
     sample = pil.new("RGB", (shown[0].width, 3 * shown[0].height))
     for k, frame in enumerate(shown):

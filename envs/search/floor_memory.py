@@ -105,18 +105,14 @@ def knows_victim(state: Float, i: int, k: int, columns: Columns) -> bool:
 
 @kernel
 def look(
-    state: Float, i: int, layout: Float, middles: Double, sight_range: float, columns: Columns
+    state: Float,  # [S] changed
+    i: int,  # index of the robot
+    layout: Float,  # [M, 8] obstacles
+    middles: Double,  # [C, 2] of the squares, m
+    sight_range: float,  # m
+    columns: Columns,  # of the state
 ) -> tuple[int, int]:
-    """Adds what robot i sees to its memory; returns how many victims and squares are new to it.
-
-    Args:
-        state: changed, [S].
-        i: index of the robot.
-        layout: obstacles, [M, 8].
-        middles: of the squares, m, [C, 2].
-        sight_range: m.
-        columns: of the state.
-    """
+    """Adds what robot i sees to its memory; returns how many victims and squares are new to it."""
     x, y = float(state[N_COLUMNS * i]), float(state[N_COLUMNS * i + 1])
     n_sighted = n_searched = 0
     for k in range(columns.n_victims):
@@ -136,18 +132,14 @@ def look(
 
 @kernel
 def close_cells(
-    state: Float, layout: Float, middles: Double, half: Double, radius: float, columns: Columns
+    state: Float,  # [S] changed
+    layout: Float,  # [M, 8] obstacles
+    middles: Double,  # [C, 2] of the squares, m
+    half: Double,  # [2] half width and half height of the arena, m
+    radius: float,  # of the largest robot, m
+    columns: Columns,  # of the state
 ) -> None:
-    """Counts squares whose middle no robot can reach as searched by every robot.
-
-    Args:
-        state: changed, [S].
-        layout: obstacles, [M, 8].
-        middles: of the squares, m, [C, 2].
-        half: half width and half height of the arena, m, [2].
-        radius: of the largest robot, m.
-        columns: of the state.
-    """
+    """Counts squares whose middle no robot can reach as searched by every robot."""
     for c in range(columns.n_cells):
         free = clearance(middles[c, 0], middles[c, 1], layout, half)
         if free < radius + MIDDLE_CLEARANCE:
@@ -157,19 +149,15 @@ def close_cells(
 
 @kernel
 def find_unsearched(
-    state: Float, i: int, x: float, y: float, middles: Double, columns: Columns, out: Int
+    state: Float,  # [S]
+    i: int,  # index of the robot
+    x: float,  # m
+    y: float,  # m
+    middles: Double,  # [C, 2] of the squares, m
+    columns: Columns,  # of the state
+    out: Int,  # [K] the nearest first, written
 ) -> int:
-    """Writes the squares nearest to (x, y) that robot i has not searched; returns how many.
-
-    Args:
-        state: [S].
-        i: index of the robot.
-        x: m.
-        y: m.
-        middles: of the squares, m, [C, 2].
-        columns: of the state.
-        out: the nearest first, written, [K].
-    """
+    """Writes the squares nearest to (x, y) that robot i has not searched; returns how many."""
     count, distances = 0, np.empty(out.shape[0])
     for c in range(columns.n_cells):
         if state[columns.searched + columns.n_cells * i + c] > 0.0:

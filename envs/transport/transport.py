@@ -106,25 +106,16 @@ def goal_error(state: Float, first: int) -> tuple[float, float]:
 
 @kernel
 def score_transport(
-    before: Float,
-    after: Float,
-    active: Bool,
-    shape: Shape,
-    goal: tuple[float, float],
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # [E, S] states after the step
+    active: Bool,  # [E]
+    shape: Shape,  # of the payload
+    goal: tuple[float, float],  # radius, m, and largest sine of the angle. A plain tuple, as
+    # `Shape`
+    terms: Float,  # [E, N, R] progress, turn progress, approach and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Writes the task's own terms of the active copies, and whether they have solved the task.
-
-    Args:
-        before: states before the step, [E, S].
-        after: states after the step, [E, S].
-        active: [E].
-        shape: of the payload.
-        goal: radius, m, and largest sine of the angle. A plain tuple, as `Shape`.
-        terms: progress, turn progress, approach and time are written, [E, N, R].
-        solved: written, [E].
-    """
+    """Writes the task's own terms of the active copies, and whether they have solved the task."""
     goal_radius, max_sine = goal
     n = terms.shape[1]
     first = N_COLUMNS * n
@@ -176,17 +167,13 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
 
 @kernel
 def write_transport_features(
-    states: Float, layouts: Float, active: Bool, shape: Shape, out: Float
+    states: Float,  # [E, S]
+    layouts: Float,  # [E, M, 8] obstacles
+    active: Bool,  # [E]
+    shape: Shape,  # of the payload
+    out: Float,  # [E, N, F] written
 ) -> None:
-    """Writes the task's features of every robot in the active copies.
-
-    Args:
-        states: [E, S].
-        layouts: obstacles, [E, M, 8].
-        active: [E].
-        shape: of the payload.
-        out: written, [E, N, F].
-    """
+    """Writes the task's features of every robot in the active copies."""
     kind, half_length, half_width = shape
     n, is_box = out.shape[1], kind == BOX
     first = N_COLUMNS * n

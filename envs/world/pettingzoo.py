@@ -117,7 +117,7 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
 
     def state(self) -> Float:
         """Returns the global state, [S]."""
-        return self._require_step().states[0].copy()
+        return self.current_step.states[0].copy()
 
     @property
     def features(self) -> tuple[Feature, ...]:
@@ -131,7 +131,9 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         Raises:
             SchemaError: the environment has not been reset.
         """
-        return self._require_step()
+        if self._step is None:
+            raise SchemaError("the environment has not been reset; call reset() first")
+        return self._step
 
     def render(self) -> NDArray[np.uint8] | None:
         """Returns a picture of the world, [H, W, 3], or None without a render mode.
@@ -142,7 +144,7 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
             return None
         from swarmdata.envs.render import draw  # noqa: PLC0415  (drawing is an extra)
 
-        step = self._require_step()
+        step = self.current_step
         talks = step.delivered.shape[-1] > 0
         return draw(
             self.spec,
@@ -176,8 +178,3 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
             name: {"success": success, "events": row}
             for name, row in self._rows(step.events).items()
         }
-
-    def _require_step(self) -> Step:
-        if self._step is None:
-            raise SchemaError("the environment has not been reset; call reset() first")
-        return self._step

@@ -171,26 +171,16 @@ def is_apart(row: Float, layout: Float, m: int, gap: float) -> bool:
 
 @kernel
 def place_points(
-    state: Seeds,
-    layout: Float,
-    half: Double,
-    radii: Double,
-    spacing: Spacing,
-    points: Float,
-    far: Float,
-    min_distance: float,
+    state: Seeds,  # [1] of the generator
+    layout: Float,  # [M, 8]
+    half: Double,  # [2] half width and half height of the arena, m
+    radii: Double,  # [N] m
+    spacing: Spacing,  # distances to keep
+    points: Float,  # [N, 2] written
+    far: Float,  # [N, 2] the point that each robot's must stay away from
+    min_distance: float,  # distance to that point, m
 ) -> bool:
     """Draws one point per robot, clear of obstacles and of each other, and away from `far`.
-
-    Args:
-        state: of the generator, [1].
-        layout: [M, 8].
-        half: half width and half height of the arena, m, [2].
-        radii: m, [N].
-        spacing: distances to keep.
-        points: written, [N, 2].
-        far: the point that each robot's must stay away from, [N, 2].
-        min_distance: distance to that point, m.
 
     Returns:
         Whether every robot found a place.
@@ -225,27 +215,16 @@ def is_free_place(
 
 @kernel
 def place_all(
-    state: Seeds,
-    plan: SpawnPlan,
-    layout: Float,
-    starts: Float,
-    goal_radii: Double,
-    goals: Float,
-    far: Float,
-    min_distance: float,
+    state: Seeds,  # [1] of the generator
+    plan: SpawnPlan,  # of the spec
+    layout: Float,  # [M, 8] written
+    starts: Float,  # [N, 2] of the robots, written
+    goal_radii: Double,  # [K] room that each goal needs, m
+    goals: Float,  # [K, 2] written
+    far: Float,  # [K, 2] the point that each goal must stay away from
+    min_distance: float,  # distance to that point, m
 ) -> bool:
-    """Draws obstacles, starts and goals together; returns False if no attempt placed all.
-
-    Args:
-        state: of the generator, [1].
-        plan: of the spec.
-        layout: written, [M, 8].
-        starts: of the robots, written, [N, 2].
-        goal_radii: room that each goal needs, m, [K].
-        goals: written, [K, 2].
-        far: the point that each goal must stay away from, [K, 2].
-        min_distance: distance to that point, m.
-    """
+    """Draws obstacles, starts and goals together; returns False if no attempt placed all."""
     for _ in range(plan.max_attempts):
         if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
             continue

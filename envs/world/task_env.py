@@ -89,8 +89,17 @@ class CopyBlock:
         self._observer.observe(now, None, fresh, copies)
 
     def begin(self, actions: Float | Double, before: Step, now: Step) -> int:
-        """Takes actions over; returns what `World.begin` does. The worlds stay as they are."""
-        return self._world.begin(actions, before, now)
+        """Clips the commands; returns the number of copies that had not ended.
+
+        Raises:
+            SchemaError: an action of one of them is not finite; the worlds stay as they are.
+        """
+        n_active = self._world.begin(actions, before, now)
+        if n_active < 0:
+            raise SchemaError(
+                "an action is NaN or infinite; actions must be finite numbers in [-1, 1]"
+            )
+        return n_active
 
     def finish(self, actions: Float | Double, before: Step, now: Step, n_active: int) -> None:
         """Completes the step that has begun with `n_active` copies that had not ended."""
@@ -274,9 +283,15 @@ class TaskEnv:
         rows = self._divide(now)
         if len(rows) == 1:
             block = self._blocks[0]
-            block.finish(actions, before, now, _begin(block, actions, before, now))
+            block.finish(actions, before, now, block.begin(actions, before, now))
         else:
-            self._threads.run(self._begin_blocks(actions, rows))
+            parts = []
+            for block, old, new, (first, end) in zip(
+                self._blocks, self._rows, rows, pairwise(self._edges), strict=True
+            ):
+                part = actions[first:end], old, new
+                parts.append(partial(block.finish, *part, block.begin(*part)))
+            self._threads.run(parts)
         self._now, self._rows = now, rows
         return now
 
@@ -292,14 +307,6 @@ class TaskEnv:
             Step._make([array[first:end] for array in step]) for first, end in pairwise(self._edges)
         ]
 
-    def _begin_blocks(self, actions: Float | Double, now: list[Step]) -> list[Callable[[], None]]:
-        """Begins the step in all blocks; returns what is left of it, for each block."""
-        parts: list[Callable[[], None]] = []
-        for k, block in enumerate(self._blocks):
-            rows = actions[self._edges[k] : self._edges[k + 1]], self._rows[k], now[k]
-            parts.append(partial(block.finish, *rows, _begin(block, *rows)))
-        return parts
-
     def _divide_reset(
         self, seeds: Seeds, copies: Int, now: list[Step]
     ) -> Iterator[tuple[CopyBlock, tuple[Seeds, Int, Step]]]:
@@ -308,14 +315,6 @@ class TaskEnv:
             mine = (first <= copies) & (copies < end)
             if mine.any():
                 yield block, (seeds[mine], copies[mine] - first, rows)
-
-
-def _begin(block: CopyBlock, actions: Float | Double, before: Step, now: Step) -> int:
-    """Begins a step in one block; returns the number of copies that had not ended."""
-    n_active = block.begin(actions, before, now)
-    if n_active < 0:
-        raise SchemaError("an action is NaN or infinite; actions must be finite numbers in [-1, 1]")
-    return n_active
 
 
 WRITTEN_FIELDS = (
@@ -367,33 +366,19 @@ class StepMaker:
 
 @kernel
 def clear_copies(
-    copies: Int,
-    new_seeds: Seeds,
-    seeds: Seeds,
-    times: Int,
-    rewards: Float,
-    terms: Float,
-    events: Counts,
-    terminations: Bool,
-    truncations: Bool,
-    successes: Bool,
-    fresh: Bool,
+    copies: Int,  # [C] rows
+    new_seeds: Seeds,  # [C] of the episodes
+    seeds: Seeds,  # [E] written
+    times: Int,  # [E] written: 0
+    rewards: Float,  # [E, N] written: 0
+    terms: Float,  # [E, N, R] written: 0
+    events: Counts,  # [E, N, 4] written: 0
+    terminations: Bool,  # [E] written: false
+    truncations: Bool,  # [E] written: false
+    successes: Bool,  # [E] written: false
+    fresh: Bool,  # [E] written: true
 ) -> None:
-    """Writes the fields of a step that say nothing yet in copies where an episode begins.
-
-    Args:
-        copies: rows, [C].
-        new_seeds: of the episodes, [C].
-        seeds: written, [E].
-        times: written: 0, [E].
-        rewards: written: 0, [E, N].
-        terms: written: 0, [E, N, R].
-        events: written: 0, [E, N, 4].
-        terminations: written: false, [E].
-        truncations: written: false, [E].
-        successes: written: false, [E].
-        fresh: written: true, [E].
-    """
+    """Writes the fields of a step that say nothing yet in copies where an episode begins."""
     for row in range(copies.shape[0]):
         b = copies[row]
         seeds[b], times[b], fresh[b] = new_seeds[row], 0, True

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.physics.backend import Backend, Contacts, Plan
+from swarmdata.envs.physics.backend import Backend, Contacts, Moving, Plan
 from swarmdata.envs.physics.dynamics import begin_step, limits_of
 from swarmdata.envs.physics.episode_bodies import episode_limits, episode_payloads, payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
@@ -85,27 +85,18 @@ def _near_static_gap(px: float, py: float, radius: float, layout: Float, half: D
 
 @kernel(error_model="numpy")
 def proximities(
-    state: Float,
-    layout: Float,
-    radii: Double,
-    half: Double,
-    slack: Double,
-    places: Float,
-    out: Double,
+    state: Float,  # [S]
+    layout: Float,  # [M, 8]
+    radii: Double,  # [N] m
+    half: Double,  # [2] half width and half height of the arena, m
+    slack: Double,  # [N, 3] `backend.Contacts.slack` of this copy; where it tells that nothing
+    # static is near, obstacles and walls are not looked at
+    places: Float,  # [3, N] scratch: positions and radii
+    out: Double,  # [N] written
 ) -> None:
     """Writes the proximity of each robot in one copy: 0 far from everything, 1 in contact.
 
     This is clip(1 - gap / PROXIMITY_RANGE, 0, 1) of the smallest gap to a robot, obstacle or wall.
-
-    Args:
-        state: [S].
-        layout: [M, 8].
-        radii: m, [N].
-        half: half width and half height of the arena, m, [2].
-        slack: `backend.Contacts.slack` of this copy; where it tells that nothing static is near,
-            obstacles and walls are not looked at, [N, 3].
-        places: scratch: positions and radii, [3, N].
-        out: written, [N].
     """
     for i in range(radii.shape[0]):
         px, py = state[N_COLUMNS * i], state[N_COLUMNS * i + 1]
@@ -139,32 +130,21 @@ SCORING = bundle_type(Scoring)
 
 @kernel
 def score_steps(
-    packed: Int,
-    states: Float,
-    layouts: Float,
-    events: Counts,
-    times: Int,
-    terms: Float,
-    rewards: Float,
-    terminations: Bool,
-    truncations: Bool,
-    successes: Bool,
+    packed: Int,  # `Scoring`, of an `ArgumentBlock`
+    states: Float,  # [E, S] after the step
+    layouts: Float,  # [E, M, 8]
+    events: Counts,  # [E, N, 4] of the step
+    times: Int,  # [E] control steps taken, this one included
+    terms: Float,  # [E, N, R] the task's own are read, the last six, `rewards.reward_terms`,
+    # written
+    rewards: Float,  # [E, N] written
+    terminations: Bool,  # [E] written
+    truncations: Bool,  # [E] written
+    successes: Bool,  # [E] written
 ) -> None:
     """Writes the shared terms and the rewards of the active copies, and decides whether they end.
 
     The terms and rewards of the other copies are 0, and their flags stay.
-
-    Args:
-        packed: `Scoring`, of an `ArgumentBlock`.
-        states: after the step, [E, S].
-        layouts: [E, M, 8].
-        events: of the step, [E, N, 4].
-        times: control steps taken, this one included, [E].
-        terms: the task's own are read, the last six, `rewards.reward_terms`, written, [E, N, R].
-        rewards: written, [E, N].
-        terminations: written, [E].
-        truncations: written, [E].
-        successes: written, [E].
     """
     radii, half, weights, team_share, bounds, is_fatal, horizon, solved, slack, active = unpack(
         packed, SCORING
@@ -194,25 +174,15 @@ def score_steps(
 
 @kernel
 def begin_worlds(
-    copies: Int,
-    states: Float,
-    touching: Bool,
-    static: Bool,
-    slack: Double,
-    robots: Double,
-    bodies: Double,
+    copies: Int,  # [C] rows
+    states: Float,  # [E, S]
+    touching: Bool,  # [E, N, N] cleared
+    static: Bool,  # [E, N, M + 4] cleared
+    slack: Double,  # [E, N, 3] cleared
+    robots: Double,  # [C, N, 6] written
+    bodies: Double,  # [C, K, 7] written
 ) -> None:
-    """Ends the contacts of some copies, and reads what moves in them from their states.
-
-    Args:
-        copies: rows, [C].
-        states: [E, S].
-        touching: cleared, [E, N, N].
-        static: cleared, [E, N, M + 4].
-        slack: cleared, [E, N, 3].
-        robots: written, [C, N, 6].
-        bodies: written, [C, K, 7].
-    """
+    """Ends the contacts of some copies, and reads what moves in them from their states."""
     first = N_COLUMNS * robots.shape[1]
     for row in range(copies.shape[0]):
         b = copies[row]
@@ -266,7 +236,7 @@ class World:
         if self._is_random:
             limits = episode_limits(self._spec, seeds)
             payloads = episode_payloads(self._spec, self._movables, seeds)
-        self._backend.reset(copies, layouts, robots, bodies, limits, payloads)
+        self._backend.reset(copies, layouts, Moving(robots, bodies, limits, payloads))
         if self._motors is not None:
             self._motors.reset(copies, seeds)
 

@@ -102,16 +102,12 @@ def position_of(node: int, ground: Ground) -> tuple[float, float]:
 
 @kernel
 def farthest_visible_node(
-    position: tuple[float, float], need: float, ground: Ground, paths: Paths
+    position: tuple[float, float],  # m
+    need: float,  # clearance that the straight line keeps, m
+    ground: Ground,  # the free space
+    paths: Paths,  # planned
 ) -> int:
-    """Returns the farthest node of the path that is visible from a point, -1 if there is no path.
-
-    Args:
-        position: m.
-        need: clearance that the straight line keeps, m.
-        ground: the free space.
-        paths: planned.
-    """
+    """Returns the farthest node of the path visible from a point, -1 if there is no path."""
     costs, next_nodes = paths
     node = nearest_node(position[0], position[1], costs, ground)
     if node < 0:
@@ -128,16 +124,13 @@ def farthest_visible_node(
 
 @kernel
 def waypoint(
-    position: tuple[float, float], goal: Double, radius: float, ground: Ground, paths: Paths
+    position: tuple[float, float],  # m
+    goal: Double,  # [2] m
+    radius: float,  # of the robot, m
+    ground: Ground,  # the free space
+    paths: Paths,  # to the goal; planned if they are not yet
 ) -> tuple[float, float]:
     """Returns the point to aim at: the goal if visible, else the farthest visible node of the path.
-
-    Args:
-        position: m.
-        goal: m, [2].
-        radius: of the robot, m.
-        ground: the free space.
-        paths: to the goal; planned if they are not yet.
 
     Returns:
         The point, m; the goal if no path leads there.

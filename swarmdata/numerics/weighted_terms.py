@@ -22,18 +22,14 @@ from swarmdata.types import Double, Float, Int
 
 @kernel
 def weigh_terms(
-    terms: Float, weights: Double, team_share: float, bounds: Int, own: Double, rewards: Float
+    terms: Float,  # [N, R]
+    weights: Double,  # [R] of the terms, with their signs
+    team_share: float,  # [0, 1] part of each reward that is the mean over the side, in
+    bounds: Int,  # of the sides (`TaskSpec.side_bounds`), one longer than there are sides
+    own: Double,  # [N] scratch
+    rewards: Float,  # [N] written
 ) -> None:
-    """Writes the rewards of one step.
-
-    Args:
-        terms: [N, R].
-        weights: of the terms, with their signs, [R].
-        team_share: part of each reward that is the mean over the side, in [0, 1].
-        bounds: of the sides (`TaskSpec.side_bounds`), one longer than there are sides.
-        own: scratch, [N].
-        rewards: written, [N].
-    """
+    """Writes the rewards of one step."""
     for side in range(bounds.shape[0] - 1):
         first, end, mean = bounds[side], bounds[side + 1], 0.0
         for i in range(first, end):

@@ -249,19 +249,15 @@ def paths_to(x: float, y: float, b: int, guide: Guide, plans: Plans) -> Paths:
 
 @kernel
 def find_way(
-    x: float, y: float, dx: float, dy: float, b: int, guide: Guide, plans: Plans
+    x: float,  # where the robot is, m
+    y: float,  # the same
+    dx: float,  # the place relative to it, m
+    dy: float,  # the same
+    b: int,  # the copy
+    guide: Guide,  # constants
+    plans: Plans,  # of the copies
 ) -> tuple[float, float, float]:
-    """Returns the point to aim at, relative to (x, y), and the length of the way, m.
-
-    Args:
-        x: where the robot is, m.
-        y: the same.
-        dx: the place relative to it, m.
-        dy: the same.
-        b: the copy.
-        guide: constants.
-        plans: of the copies.
-    """
+    """Returns the point to aim at, relative to (x, y), and the length of the way, m."""
     ground, need = Ground(plans.clearances[b], guide.half, NODE_SPACING), guide.radius + WAY_GAP
     length = math.sqrt(dx * dx + dy * dy)
     if is_visible((x, y), (x + dx, y + dy), need, ground):
@@ -278,16 +274,12 @@ def find_way(
 
 @kernel
 def write_way(
-    way: tuple[float, float, float], heading: tuple[float, float], diagonal: float, out: Float
+    way: tuple[float, float, float],  # from `find_way`
+    heading: tuple[float, float],  # of the frame of the observation, a unit vector
+    diagonal: float,  # of the arena, m
+    out: Float,  # [>= 3] written
 ) -> None:
-    """Writes direction and length of a way.
-
-    Args:
-        way: from `find_way`.
-        heading: of the frame of the observation, a unit vector.
-        diagonal: of the arena, m.
-        out: written, [>= 3].
-    """
+    """Writes direction and length of a way."""
     (x, y, length), (ux, uy) = way, heading
     distance = math.sqrt(x * x + y * y)
     scale = min(length / GOAL_NEAR, 1.0) / max(distance, 1e-9)
@@ -315,25 +307,15 @@ def share_nearer(x: float, y: float, row: Float, guide: Guide) -> float:
 
 @kernel
 def write_all_ways(
-    known: Float,
-    layouts: Float,
-    times: Int,
-    active: Bool,
-    guide: Guide,
-    plans: Plans,
-    observations: Float,
+    known: Float,  # [E, >= 8 N] the robots' measurements of themselves, columns `ROBOT` first
+    layouts: Float,  # [E, M, 8]
+    times: Int,  # [E] control steps since the reset
+    active: Bool,  # [E] copies to write
+    guide: Guide,  # constants
+    plans: Plans,  # of the copies; changed
+    observations: Float,  # [E, N, O] the last 4 P columns are written
 ) -> None:
-    """Writes the ways of all robots of the active copies.
-
-    Args:
-        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
-        layouts: [E, M, 8].
-        times: control steps since the reset, [E].
-        active: copies to write, [E].
-        guide: constants.
-        plans: of the copies; changed.
-        observations: the last 4 P columns are written, [E, N, O].
-    """
+    """Writes the ways of all robots of the active copies."""
     first = observations.shape[2] - N_WAY_FEATURES * guide.places.shape[0]
     for b in range(observations.shape[0]):
         if not active[b]:

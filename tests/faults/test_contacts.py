@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.envs.physics.backend import Contacts, Plan
+from swarmdata.envs.physics.backend import Contacts, Moving, Plan
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.impacts import CREEP, DEEPEST_OVERLAP
@@ -40,10 +40,8 @@ def deviation(episode: Episode, t: int) -> float:
     backend = PublicBackend(Plan(SPEC, make_task(SPEC).kinds, ()), 1)
     reached: Float = episode.states[t : t + 1].copy()
     robots = reached[:, : N_COLUMNS * N].reshape(1, N, N_COLUMNS)[..., :6].astype(np.float64)
-    backend.reset(
-        np.zeros(1, np.int64), episode.layout[None], robots, np.zeros((1, 0, 7)), limits_of(SPEC),
-        payload_rows(()),
-    )  # fmt: skip
+    moving = Moving(robots, np.zeros((1, 0, 7)), limits_of(SPEC), payload_rows(()))
+    backend.reset(np.zeros(1, np.int64), episode.layout[None], moving)
     commands = episode.actions[t, :, :2].astype(np.float64)
     commands /= np.maximum(np.hypot(*commands.T), 1.0)[:, None]
     contacts = Contacts(

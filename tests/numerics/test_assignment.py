@@ -39,10 +39,3 @@ def test_memory_of_an_earlier_call_does_not_matter(costs: Double) -> None:
     assign(np.ones((n, n)) + np.eye(n)[::-1], *used)
     assert assign(costs, *fresh) == assign(costs, *used)
     np.testing.assert_array_equal(fresh[1][0, :n], used[1][0, :n])
-
-
-def test_crossed_pairs_are_uncrossed() -> None:
-    work, places = assignment_work(3)
-    costs = np.array([[9.0, 1.0, 9.0], [1.0, 2.0, 9.0], [9.0, 9.0, 0.0]])
-    assert assign(costs, work, places) == 2.0
-    np.testing.assert_array_equal(places[0, :3], [1, 0, 2])

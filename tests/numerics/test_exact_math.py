@@ -86,23 +86,12 @@ def test_special_values() -> None:
     assert exp(np.array(-745.1)) == 2.0**-1074
 
 
-@given(x=st.floats(-700.0, 700.0))
-def test_log_undoes_exp(x: float) -> None:
-    assert float(log(exp(np.array(x)))) == pytest.approx(x, rel=1e-15, abs=3e-16)
-
-
 @given(x=REAL)
 def test_agrees_with_the_library_anywhere(x: float) -> None:
     if x > 0.0:
         assert float(log(np.array(x))) == pytest.approx(math.log(x), rel=5e-16, abs=0.0)
     if x < 709.0:
         assert float(exp(np.array(x))) == pytest.approx(math.exp(x), rel=5e-16, abs=2.0**-1073)
-
-
-@given(z=st.floats(-37.0, 37.0))
-def test_both_tails_hold_all_mass(z: float) -> None:
-    masses = exp(log_tail(np.array([z, -z])))
-    assert float(masses.sum()) == pytest.approx(1.0, rel=1e-12)
 
 
 @given(z=st.lists(st.floats(-40.0, 40.0), min_size=2, max_size=40))

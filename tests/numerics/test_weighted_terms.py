@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -56,13 +55,3 @@ def test_terms_may_be_a_view() -> None:
     weights = np.array([1.0, -0.5])
     found = weighted_rewards(terms[..., 1:3], weights, 0.25, (0, terms.shape[1]))
     np.testing.assert_array_equal(found, plain(terms[..., 1:3], weights, 0.25))
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_the_share_keeps_the_sum_over_the_team(share: float) -> None:
-    terms = np.random.default_rng(0).normal(size=(7, 5, 3)).astype(np.float32)
-    weights = np.array([2.0, -0.1, 0.7])
-    shared = weighted_rewards(terms, weights, share, (0, terms.shape[1]))
-    np.testing.assert_allclose(shared.sum(1), (terms @ weights).sum(1), atol=1e-5)
-    if share == 1.0:
-        assert (shared == shared[:, :1]).all()

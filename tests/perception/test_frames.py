@@ -117,32 +117,27 @@ def test_senders_are_shown_by_their_nearness(payload: str) -> None:
     assert 0 < n_near < 3 * x.size
 
 
-@pytest.mark.parametrize("task", ["coop_nav", "warehouse", "formation", "transport"])
-def test_robots_that_see_their_targets_turn_to_them(task: str) -> None:
-    assert natural_anchor(make_env(preset(task), 1).features) == "target"
-
-
-@pytest.mark.parametrize("model", ["lidar", "occupancy"])
-def test_beams_and_cells_do_not_turn(model: str) -> None:
-    spec = with_models(preset("coop_nav"), model, None)
-    assert natural_anchor(make_env(spec, 1).features) == "world"
-
-
 @pytest.mark.parametrize(
     ("task", "sensor", "anchor"),
     [
+        ("warehouse", None, "target"),
+        ("formation", None, "target"),
+        ("transport", None, "target"),
+        ("coop_nav", "occupancy", "world"),
         ("robotarium", None, "own.heading"),
         ("formation-unicycle", None, "own.heading"),
         ("coop_nav-mixed", None, "own.heading"),
         ("coop_nav-unicycle", "lidar", "world"),
     ],
 )
-def test_unicycles_turn_with_their_heading(task: str, sensor: str | None, anchor: str) -> None:
+def test_robots_turn_to_targets_and_unicycles_with_their_heading(
+    task: str, sensor: str | None, anchor: str
+) -> None:
     features = make_env(with_models(preset(task), sensor), 1).features
     assert natural_anchor(features) == anchor
     frame = find_frame(features, "auto")
     assert frame == find_frame(features, anchor)
-    assert frame is None or not frame.turns_commands
+    assert frame is None or frame.turns_commands == (anchor == "target")
 
 
 @pytest.mark.slow
@@ -220,19 +215,19 @@ def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands(
         np.testing.assert_array_equal(same, actions)
 
 
-@pytest.mark.parametrize(("frame", "fits"), [((8, (8,), ()), True), ((9, (0,), ()), False)])
-def test_a_frame_knows_the_observations_it_fits(
-    frame: tuple[int, tuple[int, ...], tuple[tuple[int, int], ...]], fits: bool
-) -> None:
-    assert Frame(*frame).fits(10) is fits
-
-
 @pytest.mark.parametrize(
-    ("heard", "fits"),
-    [((4, 2, 6), True), ((4, 2, -1), True), ((4, 2, 9), False), ((-1, 2, 6), False)],
+    ("frame", "fits"),
+    [
+        (Frame(8, (8,), ()), True),
+        (Frame(9, (0,), ()), False),
+        (Frame(0, (0,), (), ((4, 2, 6),)), True),
+        (Frame(0, (0,), (), ((4, 2, -1),)), True),
+        (Frame(0, (0,), (), ((4, 2, 9),)), False),
+        (Frame(0, (0,), (), ((-1, 2, 6),)), False),
+    ],
 )
-def test_messages_must_fit_too(heard: tuple[int, int, int], fits: bool) -> None:
-    assert Frame(0, (0,), (), (heard,)).fits(10) is fits
+def test_a_frame_knows_the_observations_it_fits(frame: Frame, fits: bool) -> None:
+    assert frame.fits(10) is fits
 
 
 def test_a_turned_batch_is_what_robots_see_and_do(tiny: Path) -> None:

@@ -5,6 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.registry.components import make_env, make_policy
+from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, no_messages
 
 
@@ -55,3 +58,9 @@ def cut(episode: Episode, states: Float) -> Episode:
         name: getattr(episode, name)[: len(states) - 1] for name in (*STEP_FIELDS, "reward_terms")
     }
     return replace(episode, **rows | {"states": states})
+
+
+def played(spec: TaskSpec, seed: int = 3, policy: str = "scripted") -> Episode:
+    """The episode of a seed, as a named policy plays it."""
+    seeds = np.array([seed], dtype=np.uint64)
+    return next(rollout(make_env(spec, 1), make_policy(policy, spec), seeds))

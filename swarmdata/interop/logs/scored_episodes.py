@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.physics.backend import Contacts, Plan
+from swarmdata.envs.physics.backend import Contacts, Moving, Plan
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import ConversionError, SpecError
@@ -368,15 +368,7 @@ class _Playback:
         self._t = 0
         self.motion: LoggedMotion | None = None
 
-    def reset(
-        self,
-        copies: Int,
-        layouts: Float,
-        robots: Double,
-        bodies: Double,
-        limits: Double,
-        payloads: Double,
-    ) -> None:
+    def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
         self._layout, self._t = layouts[0].copy(), 0
 
     def step(

@@ -50,25 +50,15 @@ def _in_topology(topology: int, i: int, j: int, n: int) -> bool:
 
 @kernel(inline="always")
 def pick_links(
-    states: Float,
-    e: int,
-    topology: int,
-    reach: float,
-    distances: Double,
-    found: Int,
-    linked: Bool,
+    states: Float,  # [E, S]
+    e: int,  # the copy
+    topology: int,  # one of the codes above
+    reach: float,  # square of the range, square metres; infinite for no limit
+    distances: Double,  # [K] scratch for the nearest senders
+    found: Int,  # scratch, [K]; K is the number of senders in topology "nearest"
+    linked: Bool,  # written
 ) -> None:
-    """Writes which senders each receiver of copy e can receive from, linked [N, N].
-
-    Args:
-        states: [E, S].
-        e: the copy.
-        topology: one of the codes above.
-        reach: square of the range, square metres; infinite for no limit.
-        distances: scratch for the nearest senders, [K].
-        found: scratch, [K]; K is the number of senders in topology "nearest".
-        linked: written.
-    """
+    """Writes which senders each receiver of copy e can receive from, linked [N, N]."""
     n = linked.shape[0]
     for i in range(n):
         if topology == NEAREST:
@@ -136,7 +126,13 @@ def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
 
 @kernel
 def collide(
-    seed: int, t: int, n_time_slots: int, linked: Bool, groups: Int, counts: Int, taken: Bool
+    seed: int,  # of the episode
+    t: int,  # the step
+    n_time_slots: int,  # at least 1; with 1, no message ever arrives
+    linked: Bool,  # [N, N]
+    groups: Int,  # [2, N] scratch
+    counts: Int,  # [N] scratch
+    taken: Bool,  # [N, N] changed
 ) -> None:
     """Removes from `taken` the messages that collide in slotted ALOHA.
 
@@ -144,15 +140,6 @@ def collide(
     step (Abramson, "The ALOHA system", 1970; slots: Roberts, "ALOHA packet system with and without
     slots and capture", 1975; no capture here). A receiver loses all messages of a time slot in
     which two or more linked robots send, decoded or not, and is deaf while it sends itself.
-
-    Args:
-        seed: of the episode.
-        t: the step.
-        n_time_slots: at least 1; with 1, no message ever arrives.
-        linked: [N, N].
-        groups: scratch, [2, N].
-        counts: scratch, [N].
-        taken: changed, [N, N].
     """
     n = linked.shape[0]
     base = purpose_bits(seed, t, TIME_SLOT)
@@ -176,21 +163,18 @@ def collide(
 
 @kernel
 def step_bursts(
-    seed: int, t: int, e: int, enter: float, leave: float, stationary: float, bad: Counts
+    seed: int,  # of the episode
+    t: int,  # the step
+    e: int,  # the copy
+    enter: float,  # probability that a good link turns bad
+    leave: float,  # probability that a bad link turns good
+    stationary: float,  # probability that a link is bad when the episode begins
+    bad: Counts,  # [E, N, N] state of each link, changed
 ) -> None:
     """Takes one step of the Gilbert-Elliott chain of every link of copy e, used or not.
 
     Two states after Gilbert, "Capacity of a burst-noise channel" (1960), section II, and Elliott,
     "Estimates of error rates for codes on burst-noise channels" (1963).
-
-    Args:
-        seed: of the episode.
-        t: the step.
-        e: the copy.
-        enter: probability that a good link turns bad.
-        leave: probability that a bad link turns good.
-        stationary: probability that a link is bad when the episode begins.
-        bad: state of each link, changed, [E, N, N].
     """
     base = purpose_bits(seed, t, BURST)
     n = bad.shape[1]
@@ -210,19 +194,15 @@ def step_bursts(
 
 @kernel
 def drop(
-    seed: int, t: int, e: int, in_good: float, in_bad: float, bad: Counts, taken: Bool
+    seed: int,  # of the episode
+    t: int,  # the step
+    e: int,  # the copy
+    in_good: float,  # probability that a message is lost on a good link
+    in_bad: float,  # probability that a message is lost on a bad link
+    bad: Counts,  # [E, N, N] state of each link
+    taken: Bool,  # [N, N] changed
 ) -> None:
-    """Removes from `taken` the messages that are lost by chance.
-
-    Args:
-        seed: of the episode.
-        t: the step.
-        e: the copy.
-        in_good: probability that a message is lost on a good link.
-        in_bad: probability that a message is lost on a bad link.
-        bad: state of each link, [E, N, N].
-        taken: changed, [N, N].
-    """
+    """Removes from `taken` the messages that are lost by chance."""
     base = purpose_bits(seed, t, DROP)
     n = taken.shape[0]
     for j in range(n):

@@ -137,30 +137,18 @@ def quantize(value: float, low: float, width: float, n_cells: int) -> float:
 
 @kernel(inline="always")
 def compose(
-    known: Float,
-    actions: Float,
-    e: int,
-    begins: bool,
-    columns: Int,
-    low: Double,
-    width: Double,
-    n_cells: int,
-    sent: Float,
+    known: Float,  # [E, >= 8 N] the robots' measurements of themselves, columns `ROBOT` first
+    actions: Float,  # learned message of each robot, [E, N, P]; not read for other payloads
+    e: int,  # the copy
+    begins: bool,  # whether its episode has just begun; there is no action yet, so learned messages
+    # are zero
+    columns: Int,  # [P or 0] of the payload; empty for learned messages
+    low: Double,  # [N, P] lower ends of the quantiser
+    width: Double,  # [N, P] widths of its cells
+    n_cells: int,  # cells of the quantiser, 0 for none
+    sent: Float,  # written
 ) -> None:
-    """Writes the messages of all robots of copy e, sent [E, N, P].
-
-    Args:
-        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
-        actions: learned message of each robot, [E, N, P]; not read for other payloads.
-        e: the copy.
-        begins: whether its episode has just begun; there is no action yet, so learned messages are
-            zero.
-        columns: of the payload; empty for learned messages, [P or 0].
-        low: lower ends of the quantiser, [N, P].
-        width: widths of its cells, [N, P].
-        n_cells: cells of the quantiser, 0 for none.
-        sent: written.
-    """
+    """Writes the messages of all robots of copy e, sent [E, N, P]."""
     is_learned, n_values = columns.shape[0] == 0, N_COLUMNS * sent.shape[1]
     for j in range(sent.shape[1]):
         for c in range(sent.shape[2]):
@@ -175,29 +163,17 @@ def compose(
 
 @kernel(inline="always")
 def write_slots(
-    known: Float,
-    e: int,
-    held: Float,
-    ages: Counts,
-    columns: Int,
-    is_position: Bool,
-    in_body_frame: bool,
-    max_age: int,
-    out: Float,
+    known: Float,  # [E, >= 8 N] the robots' measurements of themselves, columns `ROBOT` first
+    e: int,  # the copy
+    held: Float,  # [E, N, N, P] newest message of each (receiver, sender)
+    ages: Counts,  # [E, N, N] its age in steps, or NEVER_RECEIVED
+    columns: Int,  # [P or 0] of the payload; empty for learned messages
+    is_position: Bool,  # [P or 0] which of its columns are positions
+    in_body_frame: bool,  # whether vectors are rotated into the receiver's body frame
+    max_age: int,  # steps after which a message is forgotten, less than NEVER_RECEIVED
+    out: Float,  # written
 ) -> None:
-    """Writes the slots of every robot of copy e, out [E, N, (N-1) (P+3)].
-
-    Args:
-        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
-        e: the copy.
-        held: newest message of each (receiver, sender), [E, N, N, P].
-        ages: its age in steps, or NEVER_RECEIVED, [E, N, N].
-        columns: of the payload; empty for learned messages, [P or 0].
-        is_position: which of its columns are positions, [P or 0].
-        in_body_frame: whether vectors are rotated into the receiver's body frame.
-        max_age: steps after which a message is forgotten, less than NEVER_RECEIVED.
-        out: written.
-    """
+    """Writes the slots of every robot of copy e, out [E, N, (N-1) (P+3)]."""
     n, size = held.shape[2], held.shape[3]
     for i in range(n):
         o = 0

@@ -15,51 +15,36 @@ MAX_AGE = NEVER_RECEIVED - 1
 """Largest age that is counted."""
 
 Memory = tuple[Float, Bool, Float, Counts, Counts]
-"""The memory of a channel; see `transmit_all`."""
+"""The memory of a channel: messages [E, D+1, N, P] and links [E, D+1, N, N] in transit, rings over
+the steps of sending; newest received message [E, N, N, P], its age [E, N, N]; state of each link
+[E, N, N]."""
 
 Constants = tuple[Int, Bool, Double, Double, Int, Double]
-"""The constants of a channel; see `transmit_all`."""
+"""The constants of a channel: columns of the payload, which of them are positions; lower ends and
+widths of the quantiser's cells, [N, P]; limits: topology, nearest senders, messages per step, time
+slots, cells, bursts or not, body frame or not, largest age; chances: squared range, loss on good
+and on bad links, probabilities to enter, leave and start in a burst, how much larger an episode's
+loss on good and on bad links may be."""
 
 Scratch = tuple[Bool, Double, Int, Int, Int]
 
 
 @kernel
 def transmit_all(
-    states: Float,
-    known: Float,
-    seeds: Seeds,
-    times: Int,
-    said: Float,
-    active: Bool,
-    sent: Float,
-    delivered: Bool,
-    ages: Counts,
-    out: Float,
+    states: Float,  # [E, S] true ones, which decide who is in range
+    known: Float,  # [E, >= 8 N] the robots' measurements of themselves, columns `ROBOT` first
+    seeds: Seeds,  # [E]
+    times: Int,  # [E]
+    said: Float,  # [E, N, P] learned messages
+    active: Bool,  # [E]
+    sent: Float,  # [E, N, P] written
+    delivered: Bool,  # [E, N, N] written
+    ages: Counts,  # [E, N, N] written
+    out: Float,  # [E, N, (N-1) (P+3)] the slots, written
     memory: Memory,
     constants: Constants,
 ) -> None:
-    """One step of the active copies.
-
-    Args:
-        states: true ones, which decide who is in range, [E, S].
-        known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
-        seeds: [E].
-        times: [E].
-        said: learned messages, [E, N, P].
-        active: [E].
-        sent: written, [E, N, P].
-        delivered: written, [E, N, N].
-        ages: written, [E, N, N].
-        out: the slots, written, [E, N, (N-1) (P+3)].
-        memory: messages [E, D+1, N, P] and links [E, D+1, N, N] in transit, rings over the steps of
-            sending; newest received message [E, N, N, P], its age [E, N, N]; state of each link
-            [E, N, N].
-        constants: columns of the payload, which of them are positions; lower ends and widths of
-            the quantiser's cells, [N, P]; limits: topology, nearest senders, messages per step,
-            time slots, cells, bursts or not, body frame or not, largest age; chances: squared
-            range, loss on good and on bad links, probabilities to enter, leave and start in a
-            burst, how much larger an episode's loss on good and on bad links may be.
-    """
+    """One step of the active copies."""
     messages, underway, held, newest, bad = memory
     columns, is_position, low, width, limits, chances = constants
     n, n_cells, in_body_frame, max_age = sent.shape[1], limits[4], limits[6] != 0, limits[7]

@@ -140,27 +140,16 @@ def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: f
 
 @kernel
 def observe_bearings(
-    packed: Int,
-    states: Float,
-    layouts: Float,
-    measured: Float,
-    first_robot: int,
-    end_robot: int,
-    active: Bool,
-    out: Float,
+    packed: Int,  # `BearingConstants`, of an `ArgumentBlock`
+    states: Float,  # [E, S] true ones, which decide who is hidden
+    layouts: Float,  # [E, M, 8] true obstacles
+    measured: Float,  # [E, S] states as measured; a robot that was missed is at NaN
+    first_robot: int,  # that observes
+    end_robot: int,  # one past the last
+    active: Bool,  # copies to observe, [E]; rows of the others are not written
+    out: Float,  # [E, N, F] written
 ) -> None:
-    """Writes the `bearing` observation of some robots in every active copy.
-
-    Args:
-        packed: `BearingConstants`, of an `ArgumentBlock`.
-        states: true ones, which decide who is hidden, [E, S].
-        layouts: true obstacles, [E, M, 8].
-        measured: states as measured; a robot that was missed is at NaN, [E, S].
-        first_robot: that observes.
-        end_robot: one past the last.
-        active: copies to observe, [E]; rows of the others are not written.
-        out: written, [E, N, F].
-    """
+    """Writes the `bearing` observation of some robots in every active copy."""
     radii, ranges, bodies, n_slots, span, diagonal = unpack(packed, BEARING_CONSTANTS)
     n_agents, n_rows = radii.shape[0], layouts.shape[1] + bodies.shape[0]
     rows, sizes, order = np.empty((n_rows, 8)), np.empty(n_rows), np.empty((n_agents, 2))

@@ -247,27 +247,16 @@ def _write(lanes: Float, out: Float, n_rays: int, n_channels: int, scale: np.flo
 
 @kernel(error_model="numpy")
 def scan(
-    packed: Int,
-    states: Float,
-    layouts: Float,
-    measured: Float,
-    first_robot: int,
-    end_robot: int,
-    active: Bool,
-    out: Float,
+    packed: Int,  # `LidarConstants`, of an `ArgumentBlock`
+    states: Float,  # [E, S] true ones, which the beams meet
+    layouts: Float,  # [E, M, 8] true obstacles
+    measured: Float,  # [E, S] states as measured, for velocity and target
+    first_robot: int,  # that observes
+    end_robot: int,  # one past the last
+    active: Bool,  # copies to observe, [E]; rows of the others are not written
+    out: Float,  # [E, N, F] written
 ) -> None:
-    """Writes the `lidar` observation of some robots in every active copy.
-
-    Args:
-        packed: `LidarConstants`, of an `ArgumentBlock`.
-        states: true ones, which the beams meet, [E, S].
-        layouts: true obstacles, [E, M, 8].
-        measured: states as measured, for velocity and target, [E, S].
-        first_robot: that observes.
-        end_robot: one past the last.
-        active: copies to observe, [E]; rows of the others are not written.
-        out: written, [E, N, F].
-    """
+    """Writes the `lidar` observation of some robots in every active copy."""
     radii, ranges, half, bodies, rays, n_rays, span, diagonal = unpack(packed, LIDAR_CONSTANTS)
     n_agents, n_obstacles, n_bodies = radii.shape[0], layouts.shape[1], bodies.shape[0]
     n_channels = 4 if n_bodies > 0 else 3

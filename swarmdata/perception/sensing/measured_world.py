@@ -182,25 +182,15 @@ def _measurement(seed: np.uint64, time: int, robot: int) -> np.uint64:
 
 @kernel(error_model="numpy")
 def localise(
-    states: Float,
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    survey: Survey,
-    table: Double,
-    known: Float,
+    states: Float,  # [E, S]
+    seeds: Seeds,  # [E] of the episodes
+    times: Int,  # [E] control steps since their reset
+    active: Bool,  # [E] copies to write
+    survey: Survey,  # how they measure
+    table: Double,  # quantiles of the normal distribution, from `random.normal_table`
+    known: Float,  # [E, 8 N] written
 ) -> None:
-    """Writes the measurements of every robot of the active copies of itself.
-
-    Args:
-        states: [E, S].
-        seeds: of the episodes, [E].
-        times: control steps since their reset, [E].
-        active: copies to write, [E].
-        survey: how they measure.
-        table: quantiles of the normal distribution, from `random.normal_table`.
-        known: written, [E, 8 N].
-    """
+    """Writes the measurements of every robot of the active copies of itself."""
     for b in range(known.shape[0]):
         if not active[b]:
             continue
@@ -236,34 +226,22 @@ def _displacement(
 
 @kernel(inline="always")
 def _see_body(
-    states: Float,
-    known: Float,
-    b: int,
-    me: int,
-    at: int,
-    bits: np.uint64,
-    noise: Noise,
-    by_range: bool,
-    heading: tuple[float, float],
-    table: Double,
-    measured: Float,
+    states: Float,  # [E, S]
+    known: Float,  # [E, 8 N] the robots' measurements of themselves
+    b: int,  # the copy
+    me: int,  # first column of the robot that measures
+    at: int,  # first column of the measured object
+    bits: np.uint64,  # of the draws for this object
+    noise: Noise,  # standard deviations
+    by_range: bool,  # whether its position is measured by range and bearing
+    heading: tuple[float, float],  # cosine and sine of the error of the robot's heading that turns
+    # what it sees
+    table: Double,  # quantiles of the normal distribution
+    measured: Float,  # [E, S] written
 ) -> None:
     """Writes position, velocity and axis of a robot or body as robot `me` measures them.
 
     The first six columns of `ROBOT` and of `BODY` are the same.
-
-    Args:
-        states: [E, S].
-        known: the robots' measurements of themselves, [E, 8 N].
-        b: the copy.
-        me: first column of the robot that measures.
-        at: first column of the measured object.
-        bits: of the draws for this object.
-        noise: standard deviations.
-        by_range: whether its position is measured by range and bearing.
-        heading: cosine and sine of the error of the robot's heading that turns what it sees.
-        table: quantiles of the normal distribution.
-        measured: written, [E, S].
     """
     hc, hs = heading
     dx = np.float64(states[b, at + X]) - np.float64(states[b, me + X])
@@ -344,36 +322,22 @@ def _copy_state(state: Float, known: Float, me: int, measured: Float) -> None:
 
 @kernel(error_model="numpy")
 def look_around(
-    states: Float,
-    layouts: Float,
-    known: Float,
-    errors: Double,
-    i: int,
-    survey: Survey,
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    table: Double,
-    measured: Float,
-    measured_layouts: Float,
+    states: Float,  # [E, S]
+    layouts: Float,  # [E, M, 8]
+    known: Float,  # [E, 8 N] the robots' measurements of themselves, from `localise`
+    errors: Double,  # [E, N, 2] cosine and sine of the drift of their headings
+    i: int,  # index of the robot that measures
+    survey: Survey,  # how it measures
+    seeds: Seeds,  # [E] of the episodes
+    times: Int,  # [E] control steps since their reset
+    active: Bool,  # [E] copies to write
+    table: Double,  # quantiles of the normal distribution, from `random.normal_table`
+    measured: Float,  # [E, S] states, written
+    measured_layouts: Float,  # [E, M, 8] written
 ) -> None:
     """Writes the world as robot i of every active copy measures it.
 
     An object's measured position is the robot's own plus the measured displacement.
-
-    Args:
-        states: [E, S].
-        layouts: [E, M, 8].
-        known: the robots' measurements of themselves, from `localise`, [E, 8 N].
-        errors: cosine and sine of the drift of their headings, [E, N, 2].
-        i: index of the robot that measures.
-        survey: how it measures.
-        seeds: of the episodes, [E].
-        times: control steps since their reset, [E].
-        active: copies to write, [E].
-        table: quantiles of the normal distribution, from `random.normal_table`.
-        measured: states, written, [E, S].
-        measured_layouts: written, [E, M, 8].
     """
     n, arms, me = survey.n_agents, survey.arms, N_COLUMNS * i
     first = n + arms.shape[0]

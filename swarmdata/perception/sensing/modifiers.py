@@ -117,31 +117,18 @@ def _numbered_prefix(feature: Feature) -> str:
 
 @kernel
 def degrade(
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    echoes: Int,
-    is_distance: Bool,
-    least: float,
-    spread: float,
-    dropout: float,
-    table: Double,
-    frame: Float,
+    seeds: Seeds,  # [E] of the episodes
+    times: Int,  # [E] control steps since their reset
+    active: Bool,  # [E] copies to change
+    echoes: Int,  # [R, 2] first feature of each echo and one past its last
+    is_distance: Bool,  # [F] which features are distances; the others of an echo are flags
+    least: float,  # deviation of the noise on a distance, in its own unit
+    spread: float,  # how much larger the deviation may be that an episode draws
+    dropout: float,  # probability that an echo is lost
+    table: Double,  # quantiles of the normal distribution, from `random.normal_table`
+    frame: Float,  # [E, N, F] changed
 ) -> None:
-    """Adds noise to echoes and loses some of them.
-
-    Args:
-        seeds: of the episodes, [E].
-        times: control steps since their reset, [E].
-        active: copies to change, [E].
-        echoes: first feature of each echo and one past its last, [R, 2].
-        is_distance: which features are distances; the others of an echo are flags, [F].
-        least: deviation of the noise on a distance, in its own unit.
-        spread: how much larger the deviation may be that an episode draws.
-        dropout: probability that an echo is lost.
-        table: quantiles of the normal distribution, from `random.normal_table`.
-        frame: changed, [E, N, F].
-    """
+    """Adds noise to echoes and loses some of them."""
     for b in range(frame.shape[0]):
         if not active[b]:
             continue
@@ -168,19 +155,15 @@ def degrade(
 
 @kernel
 def exchange(
-    ring: Float, counts: Int, frame: Float, active: Bool, delay: int, stack: int, out: Float
+    ring: Float,  # [E, delay + stack, N, F] frames of each copy, changed
+    counts: Int,  # [E] frames since the start of each episode, changed
+    frame: Float,  # [E, N, F] the newest
+    active: Bool,  # [E] copies to change
+    delay: int,  # age of the newest frame to write, steps
+    stack: int,  # number of frames to write
+    out: Float,  # [E, N, stack * F] written, newest first
 ) -> None:
-    """Puts frames into a ring and takes older ones out.
-
-    Args:
-        ring: frames of each copy, changed, [E, delay + stack, N, F].
-        counts: frames since the start of each episode, changed, [E].
-        frame: the newest, [E, N, F].
-        active: copies to change, [E].
-        delay: age of the newest frame to write, steps.
-        stack: number of frames to write.
-        out: written, newest first, [E, N, stack * F].
-    """
+    """Puts frames into a ring and takes older ones out."""
     depth, n_features = ring.shape[1], ring.shape[3]
     for b in range(ring.shape[0]):
         if not active[b]:

@@ -155,27 +155,16 @@ def _mark_outside(flags: Float, half: Double, pose: Pose, span: float, grid: Gri
 
 @kernel
 def observe_grids(
-    packed: Int,
-    states: Float,
-    layouts: Float,
-    poses: Float,
-    first_robot: int,
-    end_robot: int,
-    active: Bool,
-    out: Float,
+    packed: Int,  # `OccupancyConstants`, of an `ArgumentBlock`
+    states: Float,  # [E, S] as measured
+    layouts: Float,  # [E, M, 8] obstacles as measured
+    poses: Float,  # [E, >= 8 N] robots as measured, from which the arena's walls are seen
+    first_robot: int,  # that observes
+    end_robot: int,  # one past the last
+    active: Bool,  # copies to observe, [E]; rows of the others are not written
+    out: Float,  # [E, N, F] written
 ) -> None:
-    """Writes the `occupancy` observation of some robots in every active copy.
-
-    Args:
-        packed: `OccupancyConstants`, of an `ArgumentBlock`.
-        states: as measured, [E, S].
-        layouts: obstacles as measured, [E, M, 8].
-        poses: robots as measured, from which the arena's walls are seen, [E, >= 8 N].
-        first_robot: that observes.
-        end_robot: one past the last.
-        active: copies to observe, [E]; rows of the others are not written.
-        out: written, [E, N, F].
-    """
+    """Writes the `occupancy` observation of some robots in every active copy."""
     radii, ranges, half, bodies, n_cells, cell_size, diagonal = unpack(packed, OCCUPANCY_CONSTANTS)
     n_agents, n_obstacles, n_bodies = radii.shape[0], layouts.shape[1], bodies.shape[0]
     n_rows = n_obstacles + n_bodies

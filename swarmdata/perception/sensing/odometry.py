@@ -115,31 +115,18 @@ def _draws(bits: np.uint64, table: Double) -> tuple[float, float, float]:
 
 @kernel(error_model="numpy")
 def reckon(
-    states: Float,
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    rates: Rates,
-    table: Double,
-    begun: Bool,
-    last: Double,
-    believed: Double,
-    errors: Double,
+    states: Float,  # [E, S]
+    seeds: Seeds,  # [E] of the episodes
+    times: Int,  # [E] control steps since their reset
+    active: Bool,  # [E] copies to change
+    rates: Rates,  # of the drift
+    table: Double,  # quantiles of the normal distribution, from `random.normal_table`
+    begun: Bool,  # [E] whether there was a step before, changed
+    last: Double,  # [E, N, 4] true x, y, ux, uy after the step before, changed
+    believed: Double,  # [E, N, 2] positions, m, changed
+    errors: Double,  # [E, N, 2] of headings, changed
 ) -> None:
-    """Adds a step of every robot of the active copies to where it believes to be.
-
-    Args:
-        states: [E, S].
-        seeds: of the episodes, [E].
-        times: control steps since their reset, [E].
-        active: copies to change, [E].
-        rates: of the drift.
-        table: quantiles of the normal distribution, from `random.normal_table`.
-        begun: whether there was a step before, changed, [E].
-        last: true x, y, ux, uy after the step before, changed, [E, N, 4].
-        believed: positions, m, changed, [E, N, 2].
-        errors: of headings, changed, [E, N, 2].
-    """
+    """Adds a step of every robot of the active copies to where it believes to be."""
     for b in range(active.shape[0]):
         if not active[b]:
             continue

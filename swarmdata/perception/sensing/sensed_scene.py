@@ -71,18 +71,14 @@ class Scene:
 
 @kernel
 def gather(
-    state: Float, layout: Float, n_agents: int, bodies: Double, rows: Double, sizes: Double
+    state: Float,  # [S] one copy's state
+    layout: Float,  # [M, 8] its obstacles
+    n_agents: int,  # N
+    bodies: Double,  # [K, 3], as in `Scene`
+    rows: Double,  # [M + K, 8] written, columns `geometry.OBSTACLE`
+    sizes: Double,  # [M + K] written, bounding radii of the rows, m
 ) -> None:
-    """Writes the obstacles and then the movable bodies as rows of a layout.
-
-    Args:
-        state: one copy's state, [S].
-        layout: its obstacles, [M, 8].
-        n_agents: N.
-        bodies: [K, 3], as in `Scene`.
-        rows: written, columns `geometry.OBSTACLE`, [M + K, 8].
-        sizes: written, bounding radii of the rows, m, [M + K].
-    """
+    """Writes the obstacles and then the movable bodies as rows of a layout."""
     n_obstacles = layout.shape[0]
     for m in range(n_obstacles):
         for c in range(8):

@@ -166,31 +166,18 @@ def _own(out: Float, state: Float, at: int, n_own: int) -> None:
 
 @kernel(error_model="numpy")
 def _neighbors(
-    out: Float,
-    first: int,
-    state: Float,
-    i: int,
-    radii: Double,
-    k: int,
-    reach: float,
-    limit: float,
-    gaps: Double,
-    keys: Int,
+    out: Float,  # [O] written
+    first: int,  # column of the first slot
+    state: Float,  # [S]
+    i: int,  # the robot
+    radii: Double,  # [N] m
+    k: int,  # slots
+    reach: float,  # gap (m) at which closeness is 0
+    limit: float,  # gap (m) beyond which robots are not seen
+    gaps: Double,  # [N] scratch
+    keys: Int,  # [N] scratch, the same memory as the gaps
 ) -> None:
-    """Fills the neighbour slots of robot i, nearest first.
-
-    Args:
-        out: written, [O].
-        first: column of the first slot.
-        state: [S].
-        i: the robot.
-        radii: m, [N].
-        k: slots.
-        reach: gap (m) at which closeness is 0.
-        limit: gap (m) beyond which robots are not seen.
-        gaps: scratch, [N].
-        keys: scratch, the same memory as the gaps, [N].
-    """
+    """Fills the neighbour slots of robot i, nearest first."""
     n, at, own = radii.shape[0], N_COLUMNS * i, radii[i]
     px, py = state[at + X], state[at + Y]
     for j in range(n):
@@ -221,33 +208,19 @@ def _neighbors(
 
 @kernel(error_model="numpy")
 def _find_obstacles(
-    px: float,
-    py: float,
-    radius: float,
-    layout: Float,
-    circles: Double,
-    k: int,
-    limit: float,
-    found: Double,
-    squares: Double,
-    powers: Double,
-    keys: Int,
+    px: float,  # of the robot, m
+    py: float,  # of the robot, m
+    radius: float,  # of the robot, m
+    layout: Float,  # [M, 8]
+    circles: Double,  # [3, M] centres and bounding radii, m
+    k: int,  # slots
+    limit: float,  # gap (m) beyond which obstacles are not seen
+    found: Double,  # [k, 4] written, as by `_insert`
+    squares: Double,  # [M] scratch
+    powers: Double,  # [M] scratch
+    keys: Int,  # [M] scratch, the same memory as the powers
 ) -> None:
-    """Finds the k nearest surfaces: likely ones first, then the few that may be nearer yet.
-
-    Args:
-        px: of the robot, m.
-        py: of the robot, m.
-        radius: of the robot, m.
-        layout: [M, 8].
-        circles: centres and bounding radii, m, [3, M].
-        k: slots.
-        limit: gap (m) beyond which obstacles are not seen.
-        found: written, as by `_insert`, [k, 4].
-        squares: scratch, [M].
-        powers: scratch, [M].
-        keys: scratch, the same memory as the powers, [M].
-    """
+    """Finds the k nearest surfaces: likely ones first, then the few that may be nearer yet."""
     n = squares.shape[0]
     for m in range(n):
         dx, dy, size = circles[0, m] - px, circles[1, m] - py, circles[2, m]
@@ -339,25 +312,15 @@ def _obstacles(
 
 @kernel(error_model="numpy")
 def observe_states(
-    packed: Int,
-    states: Float,
-    layouts: Float,
-    first_robot: int,
-    end_robot: int,
-    active: Bool,
-    observations: Float,
+    packed: Int,  # `StateConstants`, of an `ArgumentBlock`
+    states: Float,  # [E, S]; a robot that was missed is at NaN
+    layouts: Float,  # obstacles, [E, M, 8]; the same
+    first_robot: int,  # that observes
+    end_robot: int,  # one past the last
+    active: Bool,  # copies to observe, [E]; rows of the others are not written
+    observations: Float,  # [E, N, O] written
 ) -> None:
-    """Writes the `state` observation of some robots in every active copy.
-
-    Args:
-        packed: `StateConstants`, of an `ArgumentBlock`.
-        states: [E, S]; a robot that was missed is at NaN.
-        layouts: obstacles, [E, M, 8]; the same.
-        first_robot: that observes.
-        end_robot: one past the last.
-        active: copies to observe, [E]; rows of the others are not written.
-        observations: written, [E, N, O].
-    """
+    """Writes the `state` observation of some robots in every active copy."""
     radii, limits, n_own, n_neighbors, n_obstacles, reach = unpack(packed, STATE_CONSTANTS)
     n_agents, n_shapes = radii.shape[0], layouts.shape[1]
     found, circles = np.empty((n_obstacles, 4)), np.empty((3, n_shapes))

@@ -11,9 +11,11 @@ from swarmdata.envs.coop_nav.arrangements import arrange, unit_circle
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env, make_task
-from swarmdata.specs.state_layout import TX, UX, X, Y, robots_of
+from swarmdata.registry.presets import preset
+from swarmdata.specs.state_layout import TX, TY, UX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
+from tests.envs.places import check_places
 
 EMPTY = {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}
 KINDS = ("swap", "doorway", "corridor")
@@ -29,22 +31,14 @@ def reset(spec: TaskSpec, n_episodes: int) -> Step:
     return make_env(spec, n_episodes).reset(np.arange(n_episodes, dtype=np.uint64))
 
 
-def check_places(spec: TaskSpec, step: Step) -> None:
+def check_episodes(spec: TaskSpec, step: Step) -> None:
     """Starts and goals keep the distances of the spec from everything."""
-    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
-    radii = np.array([robot.radius for robot in spec.robots])
     s = spec.spawn
     for layout, state in zip(step.layouts, step.states, strict=True):
         robots = robots_of(state, spec.n_agents).astype(np.float64)
         starts, goals = robots[:, [X, Y]], robots[:, TX:]
-        for points, clear, apart in (
-            (starts, s.start_clearance, s.start_separation),
-            (goals, s.goal_clearance, s.goal_separation),
-        ):
-            for (x, y), radius in zip(points, radii, strict=True):
-                assert clearance(x, y, layout, half) >= radius + clear
-            gaps = np.linalg.norm(points[:, None] - points, axis=-1) - radii[:, None] - radii
-            assert (gaps + 9.0 * np.eye(len(points))).min() >= apart
+        check_places(spec, layout, starts, s.start_clearance, s.start_separation)
+        check_places(spec, layout, goals, s.goal_clearance, s.goal_separation)
         assert np.linalg.norm(starts - goals, axis=-1).min() >= s.min_goal_distance
 
 
@@ -53,7 +47,7 @@ def check_places(spec: TaskSpec, step: Step) -> None:
 def test_places_keep_their_distances_for_many_seeds(kind: str, n: int) -> None:
     spec = spec_of(kind, n)
     step = reset(spec, 200)
-    check_places(spec, step)
+    check_episodes(spec, step)
     starts = robots_of(step.states, n)[..., [X, Y]].reshape(200, -1)
     assert len(np.unique(starts, axis=0)) == 200
 
@@ -74,7 +68,7 @@ def test_every_spec_is_either_refused_or_valid(
         arrange(spec)
     except SpecError:
         return
-    check_places(spec, reset(spec, 3))
+    check_episodes(spec, reset(spec, 3))
 
 
 def test_goals_of_a_swap_are_opposite_and_those_of_teams_are_mirrored() -> None:
@@ -148,3 +142,62 @@ def test_robots_that_swap_places_have_assigned_goals(kind: str) -> None:
     rules = {"task": "coop_nav", "goals": "unassigned", "arrangement": {"kind": kind}}
     with pytest.raises(SpecError, match="start on goals"):
         make_task(spec_of(kind, 4, rules=rules))
+
+
+LANES = preset("coop_nav-lanes")
+HALF = np.array([3.0, 1.5])
+
+
+def lanes_with(arrangement: dict[str, Any] | None = None, **fields: Any) -> TaskSpec:
+    plain = LANES.model_dump()
+    plain["rules"]["arrangement"] |= arrangement or {}
+    return TaskSpec.parse({**plain, **fields})
+
+
+def test_one_robot_fits_into_a_lane_and_two_do_not() -> None:
+    layout = reset(LANES, 1).layouts[0]
+    radius = LANES.robots[0].radius
+    for x in (-0.89, 0.0, 0.89):
+        for lane in (-0.5, 0.5):
+            assert clearance(x, lane, layout, HALF) == pytest.approx(0.23, abs=1e-6)
+            assert clearance(x, lane, layout, HALF) < 2 * radius
+        assert clearance(x, 0.0, layout, HALF) <= 0.0
+        assert clearance(x, 1.2, layout, HALF) <= 0.0
+    assert clearance(1.1, 0.0, layout, HALF) == pytest.approx(0.2, abs=1e-6)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4])
+def test_teams_start_behind_each_other_out_of_sight_and_swap_ends(n: int) -> None:
+    spec = lanes_with(team=[{"count": n}])
+    step = reset(spec, 200)
+    robots = robots_of(step.states, n).astype(np.float64)
+    starts, goals = robots[..., [X, Y]], robots[..., [TX, TY]]
+    np.testing.assert_array_equal(goals, starts * [-1.0, 1.0])
+    assert (starts[:, ::2, 0] < -0.9).all()
+    assert (starts[:, 1::2, 0] > 0.9).all()
+    check_episodes(spec, step)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        (
+            lanes_with({"width": 0.3}),
+            r"width is 0\.3 m, expected at least 0\.34 m and less than 0\.48",
+        ),
+        (lanes_with({"width": 0.5}), "two do not pass each other"),
+        (lanes_with({"spread": 0.4}), r"spread is 0\.4 m, expected more than the lanes' width"),
+        (lanes_with({"spread": 2.6}), "less than the arena's height without it"),
+        (lanes_with({"length": 4.0}), "2 robots, 0.69 m apart, do not fit beside"),
+        (lanes_with({"rows": [-0.25, 1.4]}), "rows of at most 1.13 m are inside"),
+        (lanes_with(team=[{"count": 6}]), "do not fit beside arrangement 'lanes'"),
+        (lanes_with(obstacles={}), "whose layout is fixed"),
+        (
+            LANES.with_updates(rules={**LANES.rules.model_dump(), "goals": "unassigned"}),
+            "with arrangement 'lanes'",
+        ),
+    ],
+)
+def test_lanes_that_do_not_fit_are_refused(spec: TaskSpec, message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        make_task(spec)

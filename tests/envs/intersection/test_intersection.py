@@ -5,19 +5,22 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.intersection.intersection import N_EXTRAS, Intersection
+from swarmdata.envs.intersection.intersection import (
+    N_EXTRAS,
+    START_JITTER,
+    Intersection,
+    StartPlan,
+)
 from swarmdata.envs.intersection.junction import Junction, arm_at
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SpecError
+from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import STREAMS, derive, uniform
-from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
-from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Episode, Float, Int, Seeds
-from tests.support.made_episodes import cut
+from swarmdata.types import Float, Int, Seeds
+from tests.support.made_episodes import cut, played
 from tests.support.pairs import slow
 
 
@@ -35,14 +38,10 @@ def drawn(seed: int, robot: int, trip: int, which: int) -> float:
     return float(uniform(derive(seed, STREAMS["layout"], robot, trip, which))[0])
 
 
-def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
-    return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
-
-
 @pytest.mark.parametrize("name", ["intersection", *slow("intersection-n8")])
 def test_trips_are_those_of_the_docstring(name: str) -> None:
     spec = preset(name).with_updates(horizon=200)
-    episode, n, junction = scripted_episode(spec), spec.n_agents, Junction.of(spec)
+    episode, n, junction = played(spec), spec.n_agents, Junction.of(spec)
     robots, own = robots_of(episode.states, n).astype(np.float64), own_of(episode.states, n)
     r: Any = spec.rules
     n_entered = n_left = 0
@@ -71,7 +70,7 @@ def test_trips_are_those_of_the_docstring(name: str) -> None:
 
 def test_an_episode_is_solved_by_the_quota() -> None:
     spec = preset("intersection").with_updates(rules={"task": "intersection", "quota": 3})
-    episode = scripted_episode(spec)
+    episode = played(spec)
     assert episode.success
     crossings = own_of(episode.states, 4)[..., 1].sum(-1)
     assert crossings[-1] >= 3
@@ -111,7 +110,7 @@ def test_a_robot_in_its_entry_waits_until_its_trip_is_due() -> None:
 
 def test_metrics_are_what_their_names_say() -> None:
     spec = preset("intersection").with_updates(team=[{"count": 2}])
-    episode = scripted_episode(spec)
+    episode = played(spec)
     states = np.repeat(episode.states[:1], 61, axis=0)
     robots, own = robots_of(states, 2), own_of(states, 2)
     robots[:, :, : Y + 1] = [[0.0, -1.5], [0.4, -1.5]]  # side by side, for ever
@@ -133,3 +132,41 @@ def test_metrics_are_what_their_names_say() -> None:
 def test_drawn_obstacles_are_refused() -> None:
     with pytest.raises(SpecError, match=r"task 'intersection', whose layout is fixed"):
         Intersection(preset("intersection").with_updates(obstacles={"circles": 1, "boxes": 0}))
+
+
+IDS = np.arange(2**62, 2**62 + 100, dtype=np.uint64)
+
+
+@pytest.mark.parametrize(("name", "n"), [("intersection", 4), ("intersection-n8", 8)])
+def test_robots_start_clear_of_all_and_as_many_in_each_arm(name: str, n: int) -> None:
+    spec = preset(name)
+    task = Intersection(spec)
+    states = np.ones((100, N_COLUMNS * n + 3 * n), np.float32)
+    task.spawn(IDS, np.arange(100), np.zeros((100, 4, 8), np.float32), states)
+    half, first_arms = np.array(spec.half_size), set()
+    for robots in robots_of(states, n).astype(np.float64):
+        arms = [arm_at(*robot[: Y + 1]) for robot in robots]
+        assert np.bincount(arms, minlength=4).tolist() == [n // 4] * 4
+        first_arms.add(arms[0])
+        apart = np.linalg.norm(robots[:, None, : Y + 1] - robots[:, : Y + 1], axis=-1)
+        assert (apart[~np.eye(n, dtype=bool)] >= 2 * 0.12 + 0.05).all()
+        assert all(clearance(*r[: Y + 1], task.junction.corners, half) >= 0.13 for r in robots)
+        assert not robots[:, 2:4].any()
+    assert first_arms == {0, 1, 2, 3}
+
+
+def test_the_first_robot_of_an_arm_is_in_its_entry_and_the_third_behind_its_exit() -> None:
+    spec = preset("intersection").with_updates(team=[{"count": 9}])
+    junction = Junction.of(spec)
+    plan = StartPlan.of(spec, junction)
+    assert plan.places.shape == (4, 3, 2)
+    np.testing.assert_allclose(plan.places[:, 0], junction.entries)
+    np.testing.assert_allclose(plan.places[:, 1], junction.exits)
+    behind = np.linalg.norm(junction.exits - plan.places[:, 2], axis=-1)
+    np.testing.assert_allclose(behind, 0.24 + spec.spawn.start_separation + 2 * START_JITTER)
+
+
+def test_more_robots_than_the_arms_hold_are_refused() -> None:
+    spec = preset("intersection").with_updates(team=[{"count": 24}])
+    with pytest.raises(SpecError, match=r"6 robots with gaps of 0\.21 m do not fit in an arm"):
+        Intersection(spec)

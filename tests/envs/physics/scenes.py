@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.physics.backend import Contacts, Plan
+from swarmdata.envs.physics.backend import Contacts, Moving, Plan
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.public_backend import PublicBackend
@@ -54,21 +54,21 @@ class Scene:
         self.robots[0, :, : len(rows[0])] = rows
         bodies = np.zeros((1, len(payloads), 7))
         bodies[..., 4] = 1.0
-        self._start = layout[None], self.robots, bodies, limits_of(spec)[None]
-        self._payloads = payload_rows(payloads)
+        self._layouts = layout[None]
+        self._moving = Moving(self.robots, bodies, limits_of(spec), payload_rows(payloads))
         self.states: Float = np.zeros((1, 8 * len(robots) + 7 * len(payloads)), np.float32)
         self.reset()
 
     def reset(self) -> None:
         """Puts the robots where `robots` says, and the payloads at the origin."""
-        n, n_obstacles = self.robots.shape[1], self._start[0].shape[1]
+        n, n_obstacles = self.robots.shape[1], self._layouts.shape[1]
         self.contacts = Contacts(
             np.zeros((1, n, n), np.bool_),
             np.zeros((1, n, n_obstacles + 4), np.bool_),
             np.zeros((1, n, 3)),
         )
         self.events = np.zeros((1, n, 4), np.uint8)
-        self.backend.reset(np.arange(1), *self._start, self._payloads)
+        self.backend.reset(np.arange(1), self._layouts, self._moving)
 
     def drive(self, commands: Numbers, n_steps: int) -> tuple[Double, Double]:
         """Robots [n_steps, N, 8] and payloads [n_steps, M, 7] while the robots keep to commands."""

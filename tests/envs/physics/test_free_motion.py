@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.envs.physics.backend import Backend, Contacts, Plan
+from swarmdata.envs.physics.backend import Backend, Contacts, Moving, Plan
 from swarmdata.envs.physics.dynamics import drive, limits_of
 from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
@@ -134,14 +134,8 @@ def test_free_motion_forgets_what_was_before(backend: MakeBackend) -> None:
         has_touched |= bool(step.events.any())
         if other is None and has_touched and _smallest_gap(robots[0], step.layouts[0], half) > 0.15:
             other = backend(Plan(spec, task.kinds, ()), 1)
-            other.reset(
-                np.arange(1),
-                step.layouts,
-                robots.copy(),
-                np.zeros((1, 0, 7)),
-                limits_of(spec),
-                payload_rows(()),
-            )
+            moving = Moving(robots.copy(), np.zeros((1, 0, 7)), limits_of(spec), payload_rows(()))
+            other.reset(np.arange(1), step.layouts, moving)
             contacts = Contacts._make(np.zeros_like(array) for array in world.contacts)
     assert n_later_contacts > 3
 

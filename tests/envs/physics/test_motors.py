@@ -55,15 +55,6 @@ def test_each_robot_has_its_own_delay() -> None:
     np.testing.assert_array_equal(again, arrived)
 
 
-def test_a_lag_has_its_time_constant() -> None:
-    """Whatever the step: after the time constant, 1 / e of the way is left."""
-    for lag in (0.05, 0.4):
-        motors = motors_of(Robot(actuator_lag=lag))
-        steps = followed(motors, np.ones((40, 2, 1, 2)))[:, 0, 0, 0]
-        left = np.exp(-0.1 * np.arange(1, 41) / lag)
-        np.testing.assert_allclose(1.0 - steps, left, atol=1e-14)
-
-
 def test_a_late_robot_drives_the_same_way_later() -> None:
     empty = {"obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)}
     spec = TaskSpec.parse({**empty, "team": [{"count": 1}]})

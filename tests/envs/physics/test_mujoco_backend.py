@@ -1,4 +1,4 @@
-"""MuJoCo as a simulator: commands and events as in Pymunk, repeatable, no deep overlaps."""
+"""MuJoCo as a simulator: commands as in Pymunk, repeatable, and models that are the compiled."""
 
 from typing import Any
 
@@ -10,61 +10,10 @@ pytest.importorskip("mujoco", reason="mujoco is not installed")
 from swarmdata.envs.physics.mujoco_backend import MujocoBackend
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import SimulationError
-from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Float
-from tests.envs.physics.scenes import NOTHING, Numbers, Scene
-
-RADIUS, SPEED = 0.12, 0.6
-DEEPEST = 0.015
-"""m, of a touch at full speed: MuJoCo stops bodies after they have begun to overlap."""
-
-HALF = np.array([1.0, 1.0])
-
-
-def scene_of(places: Numbers, layout: Float = NOTHING, speed: Numbers | None = None) -> Scene:
-    """Robots among obstacles, at rest or at a speed."""
-    speeds = speed or [(0, 0)] * len(places)
-    rows = [[*place, *velocity] for place, velocity in zip(places, speeds, strict=True)]
-    return Scene([{}] * len(rows), rows, "mujoco", layout=layout, size=2.0)
-
-
-@pytest.mark.parametrize("offset", [0.0, 0.1])
-def test_two_robots_that_meet_touch_once_and_overlap_little(offset: float) -> None:
-    towards = np.array([1.0, 0.0])
-    start = np.array([0.3, offset / 2])
-    scene = scene_of([-start, start], speed=[SPEED * towards, -SPEED * towards])
-    rows, _ = scene.drive([towards, -towards], 12)
-    apart = rows[:, 1, :2] - rows[:, 0, :2]
-    gaps = np.hypot(*apart.T) - 2 * RADIUS
-    assert -2 * DEEPEST < gaps.min() < 0.01
-    assert scene.events[0, :, 2].tolist() == [1, 1], "one contact began, and counts for both"
-    assert scene.events[0, :, 3].tolist() == [0, 0]
-
-
-@pytest.mark.parametrize("kind", [0, 1, 2, 3])
-@pytest.mark.parametrize("angle", [0.0, 0.7, 2.0, 4.0])
-def test_an_obstacle_stops_a_robot(kind: int, angle: float) -> None:
-    turn = 1.1 * angle + 0.3
-    row = [kind, 0, 0, np.cos(turn), np.sin(turn), 0.2, 0.2 if kind != 1 else 0.15, 0.05]
-    layout = np.array([row], np.float32)
-    towards = np.array([np.cos(angle), np.sin(angle)])
-    scene = scene_of([-0.6 * towards], layout, speed=[SPEED * towards])
-    rows, _ = scene.drive([towards], 15)
-    gaps = [clearance(x, y, layout, HALF) - RADIUS for x, y in rows[:, 0, :2]]
-    assert -DEEPEST < min(gaps) < 0.005
-    assert scene.events[0, 0, 3] == 1
-
-
-def test_walls_stop_robots() -> None:
-    scene = scene_of([[0.5, 0.0], [-0.5, 0.3], [0.2, 0.5], [-0.2, -0.5]])
-    rows, _ = scene.drive([[1, 0], [-1, 0], [0, 1], [0, -1]], 20)
-    for i, (axis, sign) in enumerate([(0, 1), (0, -1), (1, 1), (1, -1)]):
-        gaps = 1.0 - RADIUS - sign * rows[:, i, axis]
-        assert -DEEPEST < gaps.min() < 0.005
-    assert scene.events[0, :, 3].tolist() == [1, 1, 1, 1]
+from tests.envs.physics.scenes import Scene
 
 
 def test_free_robots_drive_as_in_pymunk() -> None:
@@ -107,7 +56,7 @@ def test_threads_and_batches_give_the_same_bits() -> None:
 def test_a_warning_of_mujoco_is_an_error() -> None:
     import mujoco
 
-    scene = scene_of([[0.0, 0.0], [0.5, 0.0]])
+    scene = Scene([{}] * 2, [[0.0, 0.0, 0, 0], [0.5, 0.0, 0, 0]], "mujoco", size=2.0)
     data = scene.backend._copy(0).data
     scene.drive([[1, 0], [-1, 0]], 1)
     data.warning[mujoco.mjtWarning.mjWARN_CONTACTFULL].number = 2

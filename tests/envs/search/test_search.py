@@ -7,15 +7,14 @@ import pytest
 
 from swarmdata.envs.search.search import Search
 from swarmdata.errors import SpawnError, SpecError
-from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.sight import is_in_sight
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import TX, Y, robots_of
-from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Episode, Seeds
+from swarmdata.types import Seeds
+from tests.envs.places import check_places
+from tests.support.made_episodes import played
 
 SPEC = preset("search")
 BASE = np.array([-3.0, -3.0])
@@ -25,28 +24,19 @@ def seeds(*values: int) -> Seeds:
     return np.array(values, dtype=np.uint64)
 
 
-def scripted_episode(spec: TaskSpec, seed: int = 3) -> Episode:
-    return next(rollout(make_env(spec, 1), make_policy("scripted", spec), seeds(seed)))
-
-
-def test_starts_and_victims_keep_their_distances() -> None:
+def test_victims_keep_their_distances() -> None:
     task, n_copies = Search(SPEC), 40
     ids = np.arange(2**62, 2**62 + n_copies, dtype=np.uint64)
     step = make_env(SPEC, n_copies).reset(ids)
-    half, c = np.array(SPEC.half_size), task.columns
+    c, s = task.columns, SPEC.spawn
     for state, layout in zip(step.states, step.layouts, strict=True):
-        robots = robots_of(state, 4).astype(np.float64)
-        victims = state[c.victims : c.rescued].reshape(-1, 2)
-        for points, gap in ((robots[:, : Y + 1], SPEC.spawn.start_clearance),
-                            (victims, SPEC.spawn.goal_clearance)):  # fmt: skip
-            assert all(clearance(*p, layout, half) >= 0.12 + gap - 1e-5 for p in points)
-        apart = np.linalg.norm(victims[:, None] - victims, axis=-1)[~np.eye(4, dtype=bool)]
-        assert (apart >= 0.24 + SPEC.spawn.goal_separation - 1e-5).all()
+        victims = state[c.victims : c.rescued].reshape(-1, 2).astype(np.float64)
+        check_places(SPEC, layout, victims, s.goal_clearance, s.goal_separation, np.full(4, 0.12))
         assert not state[c.rescued : c.known].any()
 
 
 def test_memory_and_targets_are_those_of_the_docstring() -> None:
-    c, episode = Search(SPEC).columns, scripted_episode(SPEC)
+    c, episode = Search(SPEC).columns, played(SPEC)
     states = episode.states.astype(np.float64)
     places = robots_of(episode.states, 4).astype(np.float64)
     victims = states[0, c.victims : c.rescued].reshape(-1, 2)
@@ -109,7 +99,7 @@ def test_messages_are_worth_much() -> None:
 
 
 def test_metrics_are_what_their_names_say() -> None:
-    episode = scripted_episode(SPEC)
+    episode = played(SPEC)
     task = Search(SPEC)
     values = task.episode_metrics(episode)
     assert set(values) == set(Search.metrics)

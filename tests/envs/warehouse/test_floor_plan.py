@@ -17,11 +17,9 @@ from swarmdata.envs.warehouse.floor_plan import (
 )
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
-from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Int
 
-PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
 CELL = 0.05
 
 Point = tuple[float, float]
@@ -68,18 +66,6 @@ def trips(draw: st.DrawFn) -> tuple[TaskSpec, FloorPlan, Point, Point]:
     return spec, plan, start, end
 
 
-@pytest.mark.parametrize("name", PRESETS)
-def test_robots_fit_at_every_place_of_every_preset(name: str) -> None:
-    spec = preset(name)
-    plan = FloorPlan.of(spec)
-    radius = max(robot.radius for robot in spec.robots)
-    rules: Any = spec.rules
-    n_picks = rules.aisles * rules.blocks * rules.bays * 2
-    assert len(plan.places) == n_picks + rules.stations
-    for x, y in plan.places:
-        assert clearance(x, y, plan.shelves, half_of(spec)) >= radius + STANDOFF_GAP - 1e-6
-
-
 @given(plans())
 def test_shelves_and_places_are_where_they_belong(case: tuple[TaskSpec, FloorPlan]) -> None:
     spec, plan = case
@@ -93,6 +79,7 @@ def test_shelves_and_places_are_where_they_belong(case: tuple[TaskSpec, FloorPla
         np.abs(y[:, None] - y) < b[:, None] + b - 1e-5
     )
     assert overlap.sum() == len(x) == rules.aisles * rules.blocks
+    assert plan.n_picks == 2 * len(x) * rules.bays == len(plan.places) - rules.stations
     np.testing.assert_allclose(np.diff(plan.lanes, axis=1), rules.lane_width)
     for index, (px, py) in enumerate(plan.places):
         assert clearance(px, py, plan.shelves, half) >= radius + STANDOFF_GAP - 1e-5

@@ -33,14 +33,6 @@ def test_two_that_stand_near_each_other_for_three_seconds_are_one_deadlock() -> 
     assert count(line(0.0, 0.51, n_steps=200)) == 0  # a gap of 0.31 m
 
 
-def test_one_that_moves_is_in_nobodys_way() -> None:
-    stand, pass_by = (
-        line(0.0, n_steps=100),
-        drive(np.array([[0.4, -2.0]]), np.array([[0.4, 2.0]]), 100),
-    )
-    assert count(np.concatenate([stand, pass_by], axis=1)) == 0
-
-
 def test_a_group_counts_once_and_two_groups_twice() -> None:
     assert count(line(0.0, 0.4, 0.8, n_steps=60)) == 1  # the outer ones are locked by the middle
     assert count(line(0.0, 0.4, 3.0, 3.4, n_steps=60)) == 2

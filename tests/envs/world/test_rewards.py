@@ -247,7 +247,7 @@ def evaluate(formula: str, weight: float, values: Values) -> Any:
     return eval(text, functions, values)
 
 
-VARIANTS = ("coop_nav-unassigned", "transport-hard", "posed", "pursuit-sight")
+VARIANTS = ("transport-hard", "posed", "pursuit-sight")
 
 
 @pytest.mark.parametrize(

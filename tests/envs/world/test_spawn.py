@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
-from swarmdata.numerics.geometry import bounding_radius, clearance
+from swarmdata.numerics.geometry import clearance
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.specs.state_layout import N_COLUMNS, TX, robots_of
+from swarmdata.specs.state_layout import N_COLUMNS, TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float
-from tests.support.pairs import slow
+from tests.envs.places import ROUNDING, check_obstacles, check_places
+from tests.support.pairs import every, slow
 
 
 def free_grid(spec: TaskSpec, layout: Float, cell: float) -> tuple[Bool, Double]:
@@ -48,6 +49,26 @@ def test_every_goal_is_reachable_from_every_start(first_seed: int) -> None:
         assert all(seen[cell(row[:2])] and seen[cell(row[TX:])] for row in state)
 
 
+PRESETS = [name for name in preset_names() if preset(name).rules.task != "intersection"]
+"""Robots of an intersection stand in its gates."""
+
+
+@pytest.mark.parametrize("name", every(4, PRESETS))
+def test_robots_start_at_rest_where_the_spec_has_room(name: str) -> None:
+    spec = preset(name)
+    step = make_env(spec, 64).reset(np.arange(64, dtype=np.uint64))
+    for layout, robots in zip(step.layouts, robots_of(step.states, spec.n_agents), strict=True):
+        starts, s = robots[:, : Y + 1].astype(float), spec.spawn
+        check_places(spec, layout, starts, s.start_clearance, s.start_separation)
+        assert not robots[:, VX : VY + 1].any()
+        np.testing.assert_allclose(np.hypot(robots[:, UX], robots[:, UY]), 1.0, atol=1e-6)
+        if spec.obstacles.number:
+            check_obstacles(spec, layout)
+    headings = robots_of(step.states, spec.n_agents)[..., UX]  # drawn for unicycles, else +x
+    for robot, column in zip(spec.robots, headings.T, strict=True):
+        assert len(np.unique(column)) > 32 if robot.dynamics == "unicycle" else (column == 1).all()
+
+
 RANDOM = [
     name
     for name in preset_names()
@@ -56,36 +77,17 @@ RANDOM = [
 ]
 
 
-def separations(points: Double, radii: Double) -> Double:
-    """Gaps between circles, infinite on the diagonal."""
-    gaps = np.linalg.norm(points[:, None] - points, axis=-1) - radii[:, None] - radii
-    np.fill_diagonal(gaps, np.inf)
-    return gaps
-
-
-@pytest.mark.parametrize("name", RANDOM)
-def test_spawned_places_keep_the_distances_of_the_spec(name: str) -> None:
+@pytest.mark.parametrize("name", every(3, RANDOM))
+def test_goals_keep_the_distances_of_the_spec(name: str) -> None:
     spec = preset(name)
-    step, n = make_env(spec, 64).reset(np.arange(64, dtype=np.uint64)), spec.n_agents
-    half = np.array([spec.arena.width / 2, spec.arena.height / 2])
-    radii, tolerance = np.array([robot.radius for robot in spec.robots]), 1e-5
+    step, n, s = make_env(spec, 64).reset(np.arange(64, dtype=np.uint64)), spec.n_agents, spec.spawn
     for layout, state in zip(step.layouts, step.states, strict=True):
         robots = robots_of(state, n).astype(float)
-        starts, goals = robots[:, :2], robots[:, TX:]
+        starts, goals = robots[:, : Y + 1], robots[:, TX:]
         if len(state) > N_COLUMNS * n:  # unassigned goals
             goals = state[N_COLUMNS * n :].reshape(n, 2).astype(float)
-        for points, clear, apart in (
-            (starts, spec.spawn.start_clearance, spec.spawn.start_separation),
-            (goals, spec.spawn.goal_clearance, spec.spawn.goal_separation),
-        ):
-            room = [clearance(x, y, layout, half) for x, y in points] - radii
-            assert room.min() >= clear - tolerance
-            assert separations(points, radii).min(initial=np.inf) >= apart - tolerance
-        ways = np.linalg.norm(starts - goals, axis=-1)
-        assert ways.min() >= spec.spawn.min_goal_distance - tolerance
-        sizes = np.array([bounding_radius(row) for row in layout])
-        gaps = separations(layout[:, 1:3].astype(float), sizes)
-        assert gaps.min(initial=np.inf) >= spec.obstacles.gap - tolerance
+        check_places(spec, layout, goals, s.goal_clearance, s.goal_separation)
+        assert np.linalg.norm(starts - goals, axis=-1).min() >= s.min_goal_distance - ROUNDING
 
 
 def test_different_seeds_give_different_layouts() -> None:

@@ -1,12 +1,21 @@
 """The engine: an episode is one pure function of its seed, on every backend, for every task."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
-from swarmdata.envs.world.task_env import TaskEnv
+from swarmdata.envs.world.task_env import (
+    BLOCK_STEPS,
+    LASTING_FIELDS,
+    WRITTEN_FIELDS,
+    StepMaker,
+    TaskEnv,
+    keep_ended,
+)
 from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.registry.components import make_env, make_task
 from swarmdata.registry.presets import preset
@@ -141,3 +150,32 @@ def test_compiling_the_physics_first_changes_no_bit(task: str) -> None:
     prepared.compile_physics()
 
     assert_same(play(plain, seeds(3, 4), 20), play(prepared, seeds(3, 4), 20))
+
+
+TALKING = TaskSpec(communication={"kind": "broadcast"})  # type: ignore[arg-type]  # parsed
+
+
+@pytest.mark.parametrize("n_copies", [1, 3, 64])
+@pytest.mark.parametrize("spec", [TaskSpec(), TALKING], ids=["silent", "talking"])
+def test_no_two_steps_share_what_is_written(spec: TaskSpec, n_copies: int) -> None:
+    first = make_env(spec, n_copies).reset(np.arange(n_copies, dtype=np.uint64))
+    maker = StepMaker(first)
+    steps = [first, *(maker.after(first) for _ in range(2 * BLOCK_STEPS + 3))]
+    names = (*WRITTEN_FIELDS, "sent", "delivered", "ages") if spec is TALKING else WRITTEN_FIELDS
+    for name in names:
+        arrays = [getattr(step, name) for step in steps]
+        assert {(a.shape, a.dtype) for a in arrays} == {(arrays[0].shape, arrays[0].dtype)}
+        spans = sorted((a.ctypes.data, a.ctypes.data + a.nbytes) for a in arrays)
+        assert all(left[1] <= right[0] for left, right in pairwise(spans))
+
+
+def test_keep_ended_leaves_active_copies_alone() -> None:
+    before = make_env(TaskSpec(), 3).reset(seeds(1, 2, 3))
+    now = StepMaker(before).after(before)
+    for name in LASTING_FIELDS:
+        getattr(now, name)[:] = 1
+    keep_ended(before, now, np.array([True, False, True]))
+    for name in LASTING_FIELDS:
+        values = getattr(now, name)
+        np.testing.assert_array_equal(values[1], getattr(before, name)[1])
+        assert np.all(values[[0, 2]] == 1)

@@ -1,7 +1,5 @@
 """What a channel promises, whatever its model."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -15,6 +13,7 @@ from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Seeds
+from tests.perception.comms.trajectories import blank_step, make_spec, make_states, run
 
 NAMES = (
     "perfect",
@@ -28,16 +27,16 @@ every_kind = pytest.mark.parametrize("name", NAMES)
 draws = st.integers(0, 2**32)
 
 
-def spec_of(lab: Any, name: str, n: int = 4, observation: str = "lidar") -> TaskSpec:
-    return lab.make_spec(n, observation, **communication_model(name).model_dump())
+def spec_of(name: str, n: int = 4, observation: str = "lidar") -> TaskSpec:
+    return make_spec(n, observation, **communication_model(name).model_dump())
 
 
 def seeds_from(draw: int, n_copies: int) -> Seeds:
     return np.random.default_rng(draw).integers(0, 2**64, n_copies, dtype=np.uint64)
 
 
-def test_features_name_the_slots_and_their_kinds(lab: Any) -> None:
-    features = Channel(spec_of(lab, "goal", n=3), 1).features
+def test_features_name_the_slots_and_their_kinds() -> None:
+    features = Channel(spec_of("goal", n=3), 1).features
 
     assert [f.name for f in features[9:]] == [
         "message_1.position_x",
@@ -54,12 +53,12 @@ def test_features_name_the_slots_and_their_kinds(lab: Any) -> None:
     assert [f.axis for f in features[:7]] == ["x", "y"] * 3 + [""]
 
 
-def test_ages_stop_at_254_and_their_feature_at_1(lab: Any) -> None:
+def test_ages_stop_at_254_and_their_feature_at_1() -> None:
     """Robot 1 hears robot 0 once, then never again: it drives out of range."""
-    spec = spec_of(lab, "range-1", n=2)
+    spec = spec_of("range-1", n=2)
     states = np.zeros((260, 1, 16), dtype=np.float32)
     states[1:, 0, 8] = 5.0
-    log = lab.run(spec, states, seeds_from(0, 1))
+    log = run(spec, states, seeds_from(0, 1))
 
     assert log.ages[:, 0, 1, 0].tolist() == [min(t, 254) for t in range(260)]
     np.testing.assert_allclose(log.slots[:, 0, 1, 4], np.minimum(np.arange(260), 20) / 20)
@@ -68,15 +67,15 @@ def test_ages_stop_at_254_and_their_feature_at_1(lab: Any) -> None:
 
 @every_kind
 @given(draw=draws)
-def test_copies_that_are_not_active_are_untouched(lab: Any, name: str, draw: int) -> None:
+def test_copies_that_are_not_active_are_untouched(name: str, draw: int) -> None:
     """Copy 1 pauses, and goes on as if it had not."""
-    spec = spec_of(lab, name)
+    spec = spec_of(name)
     rng = np.random.default_rng(draw)
-    states, seeds = lab.make_states(rng, 6, 2, 4), seeds_from(draw, 2)
+    states, seeds = make_states(rng, 6, 2, 4), seeds_from(draw, 2)
     actions = rng.uniform(-1, 1, (6, 2, 4, spec.action_size))
-    expected = lab.run(spec, states, seeds, actions)
+    expected = run(spec, states, seeds, actions)
     channel = Channel(spec, 2)
-    now = lab.blank_step(spec, channel, 2)
+    now = blank_step(spec, channel, 2)
     now.seeds[:] = seeds
     written = (now.sent, now.delivered, now.ages, now.observations)
     for t in range(6):
@@ -91,10 +90,10 @@ def test_copies_that_are_not_active_are_untouched(lab: Any, name: str, draw: int
             np.testing.assert_array_equal(array, rows[t])
 
 
-def test_wrong_actions_are_refused(lab: Any) -> None:
-    spec = spec_of(lab, "learned-2", n=2)
+def test_wrong_actions_are_refused() -> None:
+    spec = spec_of("learned-2", n=2)
     channel = Channel(spec, 1)
-    now = lab.blank_step(spec, channel, 1)
+    now = blank_step(spec, channel, 1)
     now.times[:] = 3
     active, out = np.array([True]), now.observations[..., 3:]
 

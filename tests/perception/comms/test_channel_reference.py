@@ -12,6 +12,7 @@ from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float
+from tests.perception.comms.trajectories import make_spec, make_states, run
 
 DROP, BURST, TIME_SLOT = 0, 1, 2
 COLUMNS = {
@@ -173,14 +174,14 @@ class SlowChannel:
     st.integers(2, 10),
 )
 def test_equals_the_slow_channel(
-    lab: Any, model: dict[str, Any], n: int, observation: str, draw: int, n_steps: int
+    model: dict[str, Any], n: int, observation: str, draw: int, n_steps: int
 ) -> None:
-    spec = lab.make_spec(n, observation, **model)
+    spec = make_spec(n, observation, **model)
     rng = np.random.default_rng(draw)
     seeds = rng.integers(0, 2**64, 2, dtype=np.uint64)
-    states = lab.make_states(rng, n_steps, 2, n)
+    states = make_states(rng, n_steps, 2, n)
     actions = rng.uniform(-1.2, 1.2, (n_steps, 2, n, spec.action_size))
-    log = lab.run(spec, states, seeds, actions)
+    log = run(spec, states, seeds, actions)
 
     for e in range(2):
         slow = SlowChannel(spec, seeds[e], states[:, e], actions[:, e].astype(np.float32))
@@ -201,9 +202,9 @@ def test_equals_the_slow_channel(
                     )
 
 
-def test_out_has_no_columns_for_a_robot_alone(lab: Any) -> None:
-    spec = lab.make_spec(1)
-    log = lab.run(spec, np.zeros((2, 1, 8), dtype=np.float32), np.zeros(1, dtype=np.uint64))
+def test_out_has_no_columns_for_a_robot_alone() -> None:
+    spec = make_spec(1)
+    log = run(spec, np.zeros((2, 1, 8), dtype=np.float32), np.zeros(1, dtype=np.uint64))
 
     assert log.slots.shape == (2, 1, 1, 0)
     assert not log.delivered.any()

@@ -1,24 +1,24 @@
 """How often messages get lost, against theory; tolerances are five standard errors."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.types import Bool
+from tests.perception.comms.trajectories import make_spec, make_states, run
 
 N, T, E = 4, 600, 16
 LINKS = [(i, j) for i in range(N) for j in range(N) if i != j]
 N_MESSAGES = len(LINKS) * T * E
 
 
-def deliveries(lab: Any, name: str, n: int = N, n_steps: int = T) -> Bool:
+def deliveries(name: str, n: int = N, n_steps: int = T) -> Bool:
     """Whether each message got through, [T, E, links], of robots that stay where they are."""
-    spec = lab.make_spec(n, **communication_model(name).model_dump())
-    states = lab.make_states(np.random.default_rng(0), 1, E, n).repeat(n_steps, axis=0)
-    log = lab.run(spec, states, np.arange(E, dtype=np.uint64))
+    spec = make_spec(n, **communication_model(name).model_dump())
+    states = make_states(np.random.default_rng(0), 1, E, n).repeat(n_steps, axis=0)
+    log = run(spec, states, np.arange(E, dtype=np.uint64))
     return np.stack([log.delivered[..., i, j] for i in range(n) for j in range(n) if i != j], -1)
 
 
@@ -37,8 +37,8 @@ def is_near(measured: float, expected: float, standard_error: float) -> bool:
 
 
 @pytest.mark.parametrize("percent", [5, 30, 80])
-def test_independent_losses(lab: Any, percent: int) -> None:
-    lost = ~deliveries(lab, f"lossy-{percent}")
+def test_independent_losses(percent: int) -> None:
+    lost = ~deliveries(f"lossy-{percent}")
     p = percent / 100
     error = math.sqrt(p * (1 - p) / N_MESSAGES)
 
@@ -50,13 +50,13 @@ def test_independent_losses(lab: Any, percent: int) -> None:
 
 
 @pytest.mark.parametrize("percent", [10, 30, 60])
-def test_bursts(lab: Any, percent: int) -> None:
+def test_bursts(percent: int) -> None:
     """Losses of a Gilbert channel come in geometric runs, from the first step on.
 
     The lag-one correlation of the chain is r = 1 - enter - leave, so the variance of a mean grows
     by (1 + r) / (1 - r).
     """
-    lost = ~deliveries(lab, f"bursty-{percent}")
+    lost = ~deliveries(f"bursty-{percent}")
     p, leave = percent / 100, 0.25
     enter = leave * p / (1 - p)
     r = 1 - enter - leave
@@ -76,22 +76,22 @@ def test_bursts(lab: Any, percent: int) -> None:
 
 
 @pytest.mark.parametrize(("n_time_slots", "n"), [(2, 3), (8, 4), (16, 7)])
-def test_slotted_aloha(lab: Any, n_time_slots: int, n: int) -> None:
+def test_slotted_aloha(n_time_slots: int, n: int) -> None:
     """A message gets through if none of the other N - 1 robots chose its time slot.
 
     They include the receiver, which is deaf while it sends. The links of one step depend on each
     other, so the error counts steps, not messages.
     """
-    heard = deliveries(lab, f"aloha-{n_time_slots}", n)
+    heard = deliveries(f"aloha-{n_time_slots}", n)
     expected = (1 - 1 / n_time_slots) ** (n - 1)
 
     assert is_near(heard.mean(), expected, 0.5 / math.sqrt(T * E))
 
 
 @pytest.mark.parametrize(("limit", "n"), [(1, 4), (2, 4), (3, 6), (4, 6)])
-def test_links_take_turns(lab: Any, limit: int, n: int) -> None:
+def test_links_take_turns(limit: int, n: int) -> None:
     """Over N - 1 steps each of a receiver's links gets exactly its share."""
-    heard = deliveries(lab, f"bandwidth-{limit}", n, n_steps=3 * (n - 1)).reshape(-1, E, n, n - 1)
+    heard = deliveries(f"bandwidth-{limit}", n, n_steps=3 * (n - 1)).reshape(-1, E, n, n - 1)
 
     assert (heard.sum(-1) == limit).all()
     assert (heard[: n - 1].sum(0) == limit).all()

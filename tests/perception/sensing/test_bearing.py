@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
+from tests.perception.sensing import scenes
 
 
 def distance_to_segment(point: Double, p: Double, q: Double) -> float:
@@ -26,7 +26,7 @@ def side(p: Double, q: Double, point: Double) -> float:
     return float((q - p)[0] * (point - p)[1] - (q - p)[1] * (point - p)[0])
 
 
-def crosses_bar(scenes: Any, p: Double, q: Double, bar: Double) -> bool:
+def crosses_bar(p: Double, q: Double, bar: Double) -> bool:
     if scenes.encloses(bar, p) or scenes.encloses(bar, q):
         return True
     edges = zip(bar, np.roll(bar, -1, axis=0), strict=True)
@@ -35,7 +35,7 @@ def crosses_bar(scenes: Any, p: Double, q: Double, bar: Double) -> bool:
     )
 
 
-def is_hidden(scenes: Any, task: Task, robots: Double, rows: Double, i: int, j: int) -> bool:
+def is_hidden(task: Task, robots: Double, rows: Double, i: int, j: int) -> bool:
     p, q = robots[i, :2], robots[j, :2]
     third = [k for k in range(len(robots)) if k not in (i, j)]
     discs = [(robots[k, :2], task.spec.robots[k].radius) for k in third]
@@ -43,10 +43,10 @@ def is_hidden(scenes: Any, task: Task, robots: Double, rows: Double, i: int, j: 
     if any(distance_to_segment(center, p, q) < radius for center, radius in discs):
         return True
     bars = [bar for row in rows if row[0] > 0 for bar in scenes.bars(row)]
-    return any(crosses_bar(scenes, p, q, bar) for bar in bars)
+    return any(crosses_bar(p, q, bar) for bar in bars)
 
 
-def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
+def twin(task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations, [N, O]."""
     model: Any = task.spec.observation
     n = task.spec.n_agents
@@ -57,7 +57,7 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
         relative = (position - position[i]) / complex(*robots[i, 4:6])
         limit = min(model.range, robot.sensor_range or np.inf)
         order = [int(j) for j in np.argsort(abs(relative)) if j != i and abs(relative[j]) <= limit]
-        seen = [j for j in order if not is_hidden(scenes, task, robots, rows, i, j)]
+        seen = [j for j in order if not is_hidden(task, robots, rows, i, j)]
         slots = np.zeros((model.n_neighbors, 4))
         for slot, j in zip(slots, seen, strict=False):
             unit = relative[j] / abs(relative[j])
@@ -66,27 +66,9 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     return np.array(out)
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    n_agents=st.integers(1, 8),
-    n_neighbors=st.integers(0, 5),
-    span=st.floats(0.5, 6.0),
-    has_bodies=st.booleans(),
-    sensor_range=st.none() | st.floats(0.3, 3.0),
-)
-def test_the_kernel_equals_its_numpy_twin(
-    scenes: Any,
-    seed: int,
-    n_agents: int,
-    n_neighbors: int,
-    span: float,
-    has_bodies: bool,
-    sensor_range: float | None,
-) -> None:
-    model = {"kind": "bearing", "n_neighbors": n_neighbors, "range": span}
-    robot = {"dynamics": "unicycle", "sensor_range": sensor_range}
-    task = scenes.task(model, has_bodies=has_bodies, team=[{"count": n_agents, "robot": robot}])
-    scenes.compare(task, twin, seed)
+@given(scenes.cases(kind="bearing", n_neighbors=st.integers(0, 5), range=st.floats(0.5, 6.0)))
+def test_the_kernel_equals_its_numpy_twin(case: dict[str, Any]) -> None:
+    scenes.compare(twin, **case)
 
 
 ROW = {
@@ -101,24 +83,14 @@ ROW = {
 
 
 @pytest.mark.parametrize("row", ROW)
-def test_what_stands_between_two_robots_hides_them(scenes: Any, row: str) -> None:
+def test_what_stands_between_two_robots_hides_them(row: str) -> None:
     task = scenes.task({"kind": "bearing", "n_neighbors": 1}, n_agents=2)
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
+    step = scenes.step(task, 1, 0)
     step.states[0] = [0, 0, 0, 0, 1, 0, 1, 1, 1, 0, 0, 0, 1, 0, 1, 1]
     rows = np.array([ROW[row]] if ROW[row] else [], dtype=np.float32).reshape(1, -1, 8)
-    out = np.zeros((1, 2, len(sensor.features)), dtype=np.float32)
-    sensor.observe(step._replace(layouts=rows), np.array([True]), out)
+    out = scenes.observe(task, step._replace(layouts=rows))
     is_visible = row in ("nothing", "a box that touches the line")
     assert (out[0, :, 8] == is_visible).all()
     assert is_visible or not out[0, :, 5:].any()
     if row == "nothing":
         np.testing.assert_allclose(out[0, :, 5:], [[0.5, 1, 0, 1], [0.5, -1, 0, 1]])
-
-
-def test_a_robot_hides_the_one_behind_it(scenes: Any) -> None:
-    task = scenes.task({"kind": "bearing"}, n_agents=3)
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
-    step.states[0] = [v for x in (0, 0.5, 1) for v in (x, 0, 0, 0, 1, 0, 1, 1)]
-    out = np.zeros((1, 3, len(sensor.features)), dtype=np.float32)
-    sensor.observe(step._replace(layouts=step.layouts[:, :0]), np.array([True]), out)
-    np.testing.assert_array_equal(out[0, :, 8::4].sum(axis=1), [1, 2, 1])

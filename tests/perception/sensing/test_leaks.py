@@ -21,6 +21,7 @@ from swarmdata.specs.features import Feature, vector
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
+from tests.perception.sensing import scenes
 from tests.support.pairs import once_each, pairwise
 
 STD = 0.2
@@ -114,7 +115,7 @@ def directions_of(displacements: Double) -> Double:
     return displacements / np.maximum(lengths, 1e-9)
 
 
-def make_step(scenes: Any, task: Task, seed: int, time: int = 0, *, is_near: bool = False) -> Step:
+def make_step(task: Task, seed: int, time: int = 0, *, is_near: bool = False) -> Step:
     """Two robots and one obstacle; target and neighbour are 0.8 to 3 m away, or 0.1 to 0.5 m."""
     step: Step = scenes.step(task, N_SAMPLES, seed, time)
     step = step._replace(layouts=step.layouts[:, :1].copy())
@@ -145,13 +146,11 @@ RADIOS: dict[str, dict[str, Any]] = {
     ("kind", "modifiers", "radio"),
     pairwise(("state", "lidar", "bearing", "occupancy"), tuple(MODIFIERS), tuple(RADIOS)),
 )
-def test_noise_hides_what_it_is_added_to(
-    scenes: Any, kind: str, modifiers: str, radio: str
-) -> None:
+def test_noise_hides_what_it_is_added_to(kind: str, modifiers: str, radio: str) -> None:
     model = {"kind": kind, **MODIFIERS[modifiers]}
     task = scenes.task(model, n_agents=2, communication=RADIOS[radio])
     for is_near in (False, True):
-        step = make_step(scenes, task, seed=1, is_near=is_near)
+        step = make_step(task, seed=1, is_near=is_near)
         still = [step] * (1 + task.spec.observation.delay)  # nothing moves: old frames are current
         columns = basis(Observer(task, 1).features, observe(task, still))
         hidden = hidden_of(step)
@@ -182,11 +181,11 @@ def measure(value: Double, by_range: bool) -> Double:
 
 
 @pytest.mark.parametrize("kind", ["state", "lidar", "bearing", "occupancy"])
-def test_delay_hides_the_present(scenes: Any, kind: str) -> None:
+def test_delay_hides_the_present(kind: str) -> None:
     """Each step is another world, so that nothing old tells of the present; messages neither."""
     radio = {"kind": "broadcast", "payload": "state"}
     task = scenes.task({"kind": kind, "delay": 2}, n_agents=2, communication=radio)
-    steps = [make_step(scenes, task, seed, time) for time, seed in enumerate((1, 2, 3, 4))]
+    steps = [make_step(task, seed, time) for time, seed in enumerate((1, 2, 3, 4))]
     columns = basis(Observer(task, 1).features, observe(task, steps))
     hidden = hidden_of(steps[-1])
     for name, error in errors_of(columns, hidden).items():
@@ -194,9 +193,9 @@ def test_delay_hides_the_present(scenes: Any, kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", ["state", "bearing"])
-def test_what_is_missed_is_hidden(scenes: Any, kind: str) -> None:
+def test_what_is_missed_is_hidden(kind: str) -> None:
     task = scenes.task({"kind": kind, "dropout": 0.5}, n_agents=2)
-    step = make_step(scenes, task, seed=1)
+    step = make_step(task, seed=1)
     features, seen = Observer(task, 1).features, observe(task, [step])
     (mask,) = [k for k, feature in enumerate(features) if feature.name == "neighbor_0.mask"]
     missed = seen[:, mask] == 0
@@ -205,10 +204,10 @@ def test_what_is_missed_is_hidden(scenes: Any, kind: str) -> None:
     assert errors > 0.95 * spread(hidden)
 
 
-def test_quantisation_hides_what_is_within_a_cell(scenes: Any) -> None:
+def test_quantisation_hides_what_is_within_a_cell() -> None:
     radio = {"kind": "broadcast", "payload": "pose", "bits": 3}
     task = scenes.task({"kind": "state", "n_neighbors": 0}, n_agents=2, communication=radio)
-    step = make_step(scenes, task, seed=1)
+    step = make_step(task, seed=1)
     columns = basis(Observer(task, 1).features, observe(task, [step]))
     cell = np.array([task.spec.arena.width, task.spec.arena.height]) / 8
     errors = error_of(columns, hidden_of(step)["neighbor"])

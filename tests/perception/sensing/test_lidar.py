@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing import Sensor
 from swarmdata.perception.sensing.lidar import ray_blocks
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
+from tests.perception.sensing import scenes
 
 NOTHING, ROBOT, OBSTACLE, WALL, PAYLOAD = range(5)
 GRAZE = 2e-5  # rad; rays that this much decides may differ between float32 and float64
@@ -42,13 +42,13 @@ def edge_hit(at: Double, ray: Double, p: Double, q: Double) -> float:
     return float(t) if t >= 0 and 0 <= s <= 1 else np.inf
 
 
-def bar_hit(scenes: Any, at: Double, ray: Double, bar: Double) -> float:
+def bar_hit(at: Double, ray: Double, bar: Double) -> float:
     if scenes.encloses(bar, at):
         return 0.0
     return min(edge_hit(at, ray, *pair) for pair in zip(bar, np.roll(bar, -1, 0), strict=True))
 
 
-def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: float) -> Any:
+def cast(task: Task, state: Float, layout: Float, i: int, angle: float) -> Any:
     """Distance (m) and code of what robot i meets at an angle from its heading."""
     robots = robots_of(state, task.spec.n_agents).astype(np.float64)
     at, heading = robots[i, :2], complex(*robots[i, 4:6]) * np.exp(1j * angle)
@@ -65,7 +65,7 @@ def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: fl
         if row[0] == 0:
             found.append((circle_hit(at, ray, row[1:3], row[5]), code))
         else:
-            found += [(bar_hit(scenes, at, ray, bar), code) for bar in scenes.bars(row)]
+            found += [(bar_hit(at, ray, bar), code) for bar in scenes.bars(row)]
     model: Any = task.spec.observation
     reach = min(model.range, task.spec.robots[i].sensor_range or np.inf)
     nearest = min(found)
@@ -73,36 +73,19 @@ def cast(scenes: Any, task: Task, state: Float, layout: Float, i: int, angle: fl
 
 
 @pytest.mark.slow
-@given(
-    seed=st.integers(0, 2**32),
-    n_agents=st.integers(1, 5),
-    n_rays=st.integers(1, 37),
-    span=st.floats(0.5, 6.0),
-    has_bodies=st.booleans(),
-    sensor_range=st.none() | st.floats(0.3, 3.0),
-)
-def test_the_kernel_equals_its_numpy_twin(
-    scenes: Any,
-    seed: int,
-    n_agents: int,
-    n_rays: int,
-    span: float,
-    has_bodies: bool,
-    sensor_range: float | None,
-) -> None:
-    model = {"kind": "lidar", "n_rays": n_rays, "range": span}
-    robot = {"dynamics": "unicycle", "sensor_range": sensor_range}
-    team = [{"count": n_agents, "robot": robot}]
-    task = scenes.task(model, has_bodies=has_bodies, team=team)
-    step, sensor = scenes.step(task, 1, seed), Sensor(task, 1)
-    out = np.full((1, n_agents, len(sensor.features)), np.nan, dtype=np.float32)
-    sensor.observe(step, np.array([True]), out)
+@given(scenes.cases(5, kind="lidar", n_rays=st.integers(1, 37), range=st.floats(0.5, 6.0)))
+def test_the_kernel_equals_its_numpy_twin(case: dict[str, Any]) -> None:
+    model, n_agents = case["model"], case["n_agents"]
+    team = [{"count": n_agents, "robot": case["robot"]}]
+    task = scenes.task(model, has_bodies=case["has_bodies"], team=team)
+    step = scenes.step(task, 1, case["seed"])
+    out, n_rays, span = scenes.observe(task, step), model["n_rays"], model["range"]
     for i, robot_state in enumerate(robots_of(step.states[0], n_agents)):
         np.testing.assert_allclose(out[0, i, :5], scenes.polar(task, robot_state), atol=2e-6)
         beams = out[0, i, 5:].reshape(n_rays, -1)
         for beam, angle in zip(beams, 2 * np.pi * np.arange(n_rays) / n_rays, strict=True):
             near = [
-                cast(scenes, task, step.states[0], step.layouts[0], i, angle + tilt)
+                cast(task, step.states[0], step.layouts[0], i, angle + tilt)
                 for tilt in (-GRAZE, 0.0, GRAZE)
             ]
             distances = [distance for distance, _ in near]
@@ -113,13 +96,12 @@ def test_the_kernel_equals_its_numpy_twin(
             assert code != NOTHING or beam[0] == 1.0
 
 
-def test_the_first_ray_points_along_the_heading_and_the_next_to_the_left(scenes: Any) -> None:
+def test_the_first_ray_points_along_the_heading_and_the_next_to_the_left() -> None:
     task = scenes.task({"kind": "lidar", "n_rays": 4, "range": 4.0}, n_agents=1)
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
+    step = scenes.step(task, 1, 0)
     step.states[0] = [1.0, 0.5, 0, 0, 0, 1, 1, 1]  # heading along world y
     empty = step._replace(layouts=step.layouts[:, :0])
-    out = np.zeros((1, 1, len(sensor.features)), dtype=np.float32)
-    sensor.observe(empty, np.array([True]), out)
+    out = scenes.observe(task, empty)
     distances = out[0, 0, 5:].reshape(4, 4)[:, 0] * 4
     np.testing.assert_allclose(distances, [1.5, 3.0, 2.5, 1.0], atol=1e-6)
     np.testing.assert_allclose(out[0, 0, 3:5], [1, 0], atol=1e-6)  # the target is ahead
@@ -137,16 +119,14 @@ def test_rays_are_unit_vectors_and_spare_lanes_repeat_the_first(n_rays: int) -> 
     assert (y[n_rays:] == 0).all()
 
 
-def test_beams_beyond_a_robots_own_range_read_one(scenes: Any) -> None:
+def test_beams_beyond_a_robots_own_range_read_one() -> None:
     """Two robots side by side, one blind beyond 0.3 m: only the other sees."""
     far = {"name": "far", "count": 1}
     near = {"name": "near", "count": 1, "robot": {"sensor_range": 0.3}}
     task = scenes.task({"kind": "lidar", "n_rays": 4, "range": 1.0}, team=[far, near])
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
+    step = scenes.step(task, 1, 0)
     step.states[0] = [0, 0, 0, 0, 1, 0, 0, 0, 0.5, 0, 0, 0, 1, 0, 0, 0]
-    step = step._replace(layouts=step.layouts[:, :0])
-    out = np.zeros((1, 2, len(sensor.features)), dtype=np.float32)
-    sensor.observe(step, np.array([True]), out)
+    out = scenes.observe(task, step._replace(layouts=step.layouts[:, :0]))
     beams = out[0, :, 5:21].reshape(2, 4, 4)
     np.testing.assert_allclose(beams[0, 0], [0.38, 1, 0, 0], atol=1e-6)
     np.testing.assert_array_equal(beams[1, 2], [1, 0, 0, 0])

@@ -1,7 +1,5 @@
 """What robots measure, against a NumPy twin: features see the measured world and nothing else."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -14,20 +12,12 @@ from swarmdata.perception.sensing import Sensor
 from swarmdata.registry.components import make_env
 from swarmdata.specs.state_layout import BODY, N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Seeds, Step
+from swarmdata.types import Double, Seeds, Step
+from tests.perception.sensing import scenes
 
 KINDS = ("state", "lidar", "bearing", "occupancy")
 LOUD = {"position": 0.05, "velocity": 0.04, "direction": 0.03, "range": 0.02}
 OWN, SEEN, MISSED = 2, 3, 4
-
-
-def observe(task: Task, step: Step) -> tuple[Float, Float]:
-    """What a fresh sensor observes, [E, N, O], and what robots know of themselves, [E, 8 N]."""
-    n_copies = len(step.states)
-    sensor = Sensor(task, n_copies)
-    out = np.full((n_copies, task.spec.n_agents, len(sensor.features)), np.nan, dtype=np.float32)
-    known = sensor.observe(step, np.ones(n_copies, dtype=np.bool_), out)
-    return out, known[:, : N_COLUMNS * task.spec.n_agents].copy()
 
 
 class Twin:
@@ -112,7 +102,7 @@ class Twin:
     has_bodies=st.booleans(),
 )
 def test_a_noisy_observation_is_the_exact_one_of_the_measured_world(
-    scenes: Any, kind: str, seed: int, time: int, noise: dict[str, float], has_bodies: bool
+    kind: str, seed: int, time: int, noise: dict[str, float], has_bodies: bool
 ) -> None:
     """Lidar beams and who is hidden follow from the true world: beams have noise of their own."""
     noise = {**noise, "range": 0.0} if kind == "lidar" else noise
@@ -123,13 +113,13 @@ def test_a_noisy_observation_is_the_exact_one_of_the_measured_world(
     if kind == "bearing":  # nothing that hides the other robot
         step = step._replace(layouts=step.layouts + np.float32(100) * (np.arange(8) == 1))
         step.states[:, N_COLUMNS * 2 :: 7] += 100
-    found, known = observe(task, step)
-    clean, _ = observe(exact, step)
+    (found,), (known,) = scenes.run(task, [step])
+    clean = scenes.observe(exact, step)
     for i in range(2):
         twin = Twin(task, step, i)
-        np.testing.assert_allclose(known[0, N_COLUMNS * i :][:N_COLUMNS], twin.own(), atol=1e-6)
+        np.testing.assert_allclose(known[0, i], twin.own(), atol=1e-6)
         state, layout = (array.astype(np.float32)[None] for array in twin.world())
-        expected, _ = observe(exact, step._replace(states=state, layouts=layout))
+        expected = scenes.observe(exact, step._replace(states=state, layouts=layout))
         beams = slice(5, 5 + 16 * (4 + has_bodies)) if kind == "lidar" else slice(0, 0)
         expected[0, i, beams] = clean[0, i, beams]
         assert np.mean(~np.isclose(found[0, i], expected[0, i], atol=3e-6)) < 0.02  # a cell's edge
@@ -137,7 +127,7 @@ def test_a_noisy_observation_is_the_exact_one_of_the_measured_world(
 
 @pytest.mark.parametrize("kind", ["state", "bearing"])
 @given(seed=st.integers(0, 2**32), dropout=st.sampled_from([0.2, 0.7, 1.0]))
-def test_what_is_missed_is_not_there(scenes: Any, kind: str, seed: int, dropout: float) -> None:
+def test_what_is_missed_is_not_there(kind: str, seed: int, dropout: float) -> None:
     """The next nearest takes its slot, so that no gap tells of it."""
     task = scenes.task({"kind": kind, "dropout": dropout}, n_agents=3)
     exact = scenes.task({"kind": kind}, n_agents=3)
@@ -146,13 +136,13 @@ def test_what_is_missed_is_not_there(scenes: Any, kind: str, seed: int, dropout:
         step = step._replace(layouts=step.layouts + np.float32(100) * (np.arange(8) == 1))
         step.states[0, ::N_COLUMNS] = 0.3, 0.1, 0.9
         step.states[0, 1::N_COLUMNS] = 0.2, 0.8, -0.4
-    found, _ = observe(task, step)
+    found = scenes.observe(task, step)
     for i in range(3):
         robots, obstacles = Twin(task, step, i).missed(dropout)
         far = step._replace(states=step.states.copy(), layouts=step.layouts.copy())
         far.states[0, [N_COLUMNS * j for j in robots if j != i]] = 1e6
         far.layouts[0, obstacles, 1] = 1e6
-        expected, _ = observe(exact, far)
+        expected = scenes.observe(exact, far)
         expected[abs(expected) > 1e5] = np.nan  # slots of the far ones are empty
         names = [feature.slot for feature in Sensor(task, 1).features]
         for slot in set(names) - {"own", "target"}:
@@ -164,14 +154,14 @@ def test_what_is_missed_is_not_there(scenes: Any, kind: str, seed: int, dropout:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["state", "bearing"])
-def test_objects_are_missed_independently_at_their_rate(scenes: Any, kind: str) -> None:
+def test_objects_are_missed_independently_at_their_rate(kind: str) -> None:
     task = scenes.task({"kind": kind, "dropout": 0.25}, n_agents=2)
     step = scenes.step(task, 1, 3)
     step = step._replace(layouts=step.layouts[:, :0])
     step.states[0, [0, 1, 8, 9]] = 0, 0, 0.5, 0
     (mask,) = [k for k, f in enumerate(Sensor(task, 1).features) if f.name == "neighbor_0.mask"]
     seen = np.array(
-        [observe(task, step._replace(times=np.array([t])))[0][0, :, mask] for t in range(1500)]
+        [scenes.observe(task, step._replace(times=np.array([t])))[0, :, mask] for t in range(1500)]
     )
     assert abs(seen.mean() - 0.75) < 0.03
     assert abs(np.corrcoef(seen[:, 0], seen[:, 1])[0, 1]) < 0.08
@@ -179,13 +169,13 @@ def test_objects_are_missed_independently_at_their_rate(scenes: Any, kind: str) 
 
 
 @pytest.mark.slow
-def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
+def test_noise_has_its_deviation_and_no_bias() -> None:
     task = scenes.task({"kind": "state", "noise": LOUD}, n_agents=2)
     step = scenes.step(task, 1, 3)
     step = step._replace(layouts=step.layouts[:, :1])
     same = [step._replace(times=np.array([t])) for t in range(1500)]
-    clean = observe(scenes.task({"kind": "state"}, n_agents=2), step)[0][0, 0]
-    draws = np.array([observe(task, each)[0][0, 0] for each in same]) - clean
+    clean = scenes.observe(scenes.task({"kind": "state"}, n_agents=2), step)[0, 0]
+    draws = np.array([scenes.observe(task, each)[0, 0] for each in same]) - clean
     names = [feature.name for feature in Sensor(task, 1).features]
     columns = {name: draws[:, k] for k, name in enumerate(names)}
     for name, std in {
@@ -216,16 +206,13 @@ def test_noise_has_its_deviation_and_no_bias(scenes: Any) -> None:
     np.testing.assert_allclose(columns["own.goal_dx"], -columns["own.x"], atol=1e-6)
 
 
-def test_what_robots_know_of_themselves_is_late(scenes: Any) -> None:
+def test_what_robots_know_of_themselves_is_late() -> None:
     task = scenes.task({"kind": "state", "delay": 2, "noise": LOUD})
     steps = [scenes.step(task, 2, 7, time) for time in range(6)]
     steps = [step._replace(seeds=steps[0].seeds) for step in steps]
-    sensor, active = Sensor(task, 2), np.ones(2, dtype=np.bool_)
-    out = np.zeros((2, 4, len(sensor.features)), dtype=np.float32)
-    known = [sensor.observe(step, active, out).copy() for step in steps]
     undelayed = scenes.task({"kind": "state", "noise": LOUD})
-    now = [observe(undelayed, step)[1] for step in steps]
-    for t, late in enumerate(known):
+    now = [scenes.run(undelayed, [step])[1][0] for step in steps]
+    for t, late in enumerate(scenes.run(task, steps)[1]):
         np.testing.assert_array_equal(late, now[max(t - 2, 0)])
 
 

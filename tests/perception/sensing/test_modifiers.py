@@ -1,28 +1,14 @@
 """Noise and losses of echoes against their NumPy twin; delay and stacking."""
 
-from typing import Any
-
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.interfaces import Task
 from swarmdata.numerics.random import STREAMS, derive, normal, uniform
 from swarmdata.perception.sensing import Sensor
 from swarmdata.perception.sensing.modifiers import History, echoes_of
-from swarmdata.types import Float, Step
-
-
-def observe(task: Task, steps: list[Step]) -> Float:
-    """What a fresh sensor observes in one step after another, [T, E, N, O]."""
-    n_copies = len(steps[0].states)
-    sensor = Sensor(task, n_copies)
-    sensor.forget(np.arange(n_copies))
-    shape = (len(steps), n_copies, task.spec.n_agents, len(sensor.features))
-    out = np.full(shape, np.nan, dtype=np.float32)
-    for step, row in zip(steps, out, strict=True):
-        sensor.observe(step, np.ones(n_copies, dtype=np.bool_), row)
-    return out
+from swarmdata.types import Float
+from tests.perception.sensing import scenes
 
 
 @given(
@@ -34,13 +20,13 @@ def observe(task: Task, steps: list[Step]) -> Float:
     has_bodies=st.booleans(),
 )
 def test_noise_and_losses_of_echoes_equal_their_numpy_twin(
-    scenes: Any, kind: str, seed: int, time: int, dropout: float, noise: float, has_bodies: bool
+    kind: str, seed: int, time: int, dropout: float, noise: float, has_bodies: bool
 ) -> None:
     worsened = {"kind": kind, "noise": {"range": noise}, "dropout": dropout}
     task = scenes.task(worsened, has_bodies=has_bodies)
     step = scenes.step(task, 2, seed, time)
-    worse = observe(task, [step])[0]
-    clean = observe(scenes.task({"kind": kind}, has_bodies=has_bodies), [step])[0]
+    worse = scenes.observe(task, step)
+    clean = scenes.observe(scenes.task({"kind": kind}, has_bodies=has_bodies), step)
     features = Sensor(task, 1).features
     is_flag = np.array([f.kind == "flag" for f in features])
     std, echoes = noise / getattr(task.spec.observation, "range", 1.0), echoes_of(features)

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float
+from tests.perception.sensing import scenes
 
 
 def distance_to_bar(points: Double, bar: Double) -> Double:
@@ -20,13 +20,13 @@ def distance_to_bar(points: Double, bar: Double) -> Double:
     return np.asarray(np.linalg.norm(np.maximum(local - sizes, 0), axis=1))
 
 
-def distance_to(scenes: Any, points: Double, row: Double) -> Double:
+def distance_to(points: Double, row: Double) -> Double:
     if row[0] == 0:
         return np.asarray(np.linalg.norm(points - row[1:3], axis=1) - row[5])
     return np.min([distance_to_bar(points, bar) for bar in scenes.bars(row)], axis=0)
 
 
-def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
+def twin(task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations, [N, O]."""
     model: Any = task.spec.observation
     n = task.spec.n_agents
@@ -42,7 +42,7 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
             away = np.linalg.norm(points - robots[j, :2], axis=1)
             grid[:, 0] |= away <= task.spec.robots[j].radius + half_cell
         for m, row in enumerate(rows):
-            grid[:, 1 + (m >= len(layout))] |= distance_to(scenes, points, row) <= half_cell
+            grid[:, 1 + (m >= len(layout))] |= distance_to(points, row) <= half_cell
         half = np.array([task.spec.arena.width, task.spec.arena.height]) / 2
         grid[:, 1] |= (abs(points) > half).any(axis=1)
         grid[abs(local) > (robot.sensor_range or np.inf)] = False
@@ -50,37 +50,6 @@ def twin(scenes: Any, task: Task, state: Float, layout: Float) -> Double:
     return np.array(out)
 
 
-@given(
-    seed=st.integers(0, 2**32),
-    n_agents=st.integers(1, 8),
-    cells=st.integers(1, 12),
-    cell_size=st.floats(0.05, 0.6),
-    has_bodies=st.booleans(),
-    sensor_range=st.none() | st.floats(0.3, 3.0),
-)
-def test_the_kernel_equals_its_numpy_twin(
-    scenes: Any,
-    seed: int,
-    n_agents: int,
-    cells: int,
-    cell_size: float,
-    has_bodies: bool,
-    sensor_range: float | None,
-) -> None:
-    model = {"kind": "occupancy", "cells": cells, "cell_size": cell_size}
-    robot = {"dynamics": "unicycle", "sensor_range": sensor_range}
-    task = scenes.task(model, has_bodies=has_bodies, team=[{"count": n_agents, "robot": robot}])
-    scenes.compare(task, twin, seed)
-
-
-def test_rows_go_forward_and_columns_to_the_left(scenes: Any) -> None:
-    """A robot heading along world y has one ahead, one on its left, and a wall behind."""
-    task = scenes.task({"kind": "occupancy", "cells": 3, "cell_size": 1.0}, n_agents=3)
-    step, sensor = scenes.step(task, 1, 0), Sensor(task, 1)
-    poses = [(0, -1.5, 0, 1), (0, -0.5, 1, 0), (-1, -1.5, 1, 0)]
-    step.states[0] = [v for x, y, ux, uy in poses for v in (x, y, 0, 0, ux, uy, 1, 1)]
-    out = np.zeros((1, 3, len(sensor.features)), dtype=np.float32)
-    sensor.observe(step._replace(layouts=step.layouts[:, :0]), np.array([True]), out)
-    grid = out[0, 0, 5:].reshape(3, 3, 2)
-    np.testing.assert_array_equal(grid[..., 0], [[0, 0, 0], [0, 0, 1], [0, 1, 0]])
-    np.testing.assert_array_equal(grid[..., 1], [[1, 1, 1], [0, 0, 0], [0, 0, 0]])
+@given(scenes.cases(kind="occupancy", cells=st.integers(1, 12), cell_size=st.floats(0.05, 0.6)))
+def test_the_kernel_equals_its_numpy_twin(case: dict[str, Any]) -> None:
+    scenes.compare(twin, **case)

@@ -10,7 +10,8 @@ from swarmdata.numerics.random import STREAMS, derive, normal
 from swarmdata.perception.observer import Observer
 from swarmdata.perception.sensing import Sensor
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, robots_of
-from swarmdata.types import Double, Float, Step
+from swarmdata.types import Double, Step
+from tests.perception.sensing import scenes
 from tests.perception.sensing.test_leaks import ALONE, FUSED, basis, error_of, make_step, spread
 from tests.perception.sensing.test_leaks import observe as observe_robot_0
 
@@ -24,18 +25,7 @@ BODY_FRAME = {"kind": "state", "frame": "body"}
 WIDE = {"width": 40.0, "height": 40.0}
 
 
-def run(task: Task, steps: list[Step]) -> tuple[Float, Float]:
-    """Observations [T, E, N, O], and what robots know of themselves [T, E, N, 8]."""
-    n_copies, n = len(steps[0].states), task.spec.n_agents
-    sensor = Sensor(task, n_copies)
-    out = np.zeros((len(steps), n_copies, n, len(sensor.features)), dtype=np.float32)
-    active, known = np.ones(n_copies, dtype=np.bool_), []
-    for step, row in zip(steps, out, strict=True):
-        known.append(robots_of(sensor.observe(step, active, row), n).copy())
-    return out, np.array(known)
-
-
-def path(scenes: Any, task: Task, n_copies: int = 2, n_steps: int = 5, seed: int = 3) -> list[Step]:
+def path(task: Task, n_copies: int = 2, n_steps: int = 5, seed: int = 3) -> list[Step]:
     """Robots that are somewhere else, and turned, in each step; holonomic ones are never turned."""
     steps = [scenes.step(task, n_copies, seed, time) for time in range(n_steps)]
     turns = [robot.dynamics == "unicycle" for robot in task.spec.robots]
@@ -79,11 +69,11 @@ def reckoned(task: Task, steps: list[Step], copy: int, i: int) -> tuple[Double, 
 @pytest.mark.parametrize("landmarks", [None, 1.2])
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_robots_know_of_themselves_equals_a_numpy_twin(
-    scenes: Any, kind: str, landmarks: float | None
+    kind: str, landmarks: float | None
 ) -> None:
     task = scenes.task({"kind": kind, "drift": FAST, "landmarks": landmarks}, team=TEAM)
-    steps = path(scenes, task, n_steps=8)
-    _, known = run(task, steps)
+    steps = path(task, n_steps=8)
+    _, known = scenes.run(task, steps)
     resets = 0
     for copy in range(2):
         for i in range(3):
@@ -128,41 +118,39 @@ def moved_world(task: Task, step: Step, i: int, believed: complex, error: comple
 
 
 @pytest.mark.parametrize("model", [*({"kind": kind} for kind in KINDS), BODY_FRAME])
-def test_robots_observe_the_world_as_from_where_they_believe_to_be(
-    scenes: Any, model: dict[str, Any]
-) -> None:
+def test_robots_observe_the_world_as_from_where_they_believe_to_be(model: dict[str, Any]) -> None:
     """So an observation does not change where only what is hidden does: the true pose."""
     options = {"team": TEAM, "has_bodies": True, "has_features": True, "arena": WIDE}
     drifting = scenes.task({**model, "drift": FAST}, **options)
     exact = scenes.task(model, **options)
-    steps = path(scenes, drifting, n_copies=1)
+    steps = path(drifting, n_copies=1)
     for step in steps:  # near each other, far from walls
         step.states[:, [0, 1, 8, 9, 16, 17, 24, 25, 31, 32]] *= 0.1
-    found, _ = run(drifting, steps)
+    found, _ = scenes.run(drifting, steps)
     for i in range(3):
         believed, errors = reckoned(drifting, steps, 0, i)
         world = moved_world(drifting, steps[-1], i, believed[-1], errors[-1])
-        expected, _ = run(exact, [world])
+        expected, _ = scenes.run(exact, [world])
         close = np.isclose(found[-1, 0, i], expected[0, 0, i], atol=1e-4)
         assert close.mean() > 0.98  # the edge of a cell may fall either way
-        plain, _ = run(exact, steps)
+        plain, _ = scenes.run(exact, steps)
         assert not np.allclose(found[-1, 0, i], plain[-1, 0, i], atol=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["lidar", "bearing", "occupancy"])
-def test_what_is_measured_from_the_body_does_not_drift(scenes: Any, kind: str) -> None:
+def test_what_is_measured_from_the_body_does_not_drift(kind: str) -> None:
     """Beams, bearings and cells, walls too; only the target does."""
     drifting = scenes.task({"kind": kind, "drift": FAST}, has_bodies=True)
     exact = scenes.task({"kind": kind}, has_bodies=True)
-    steps = path(scenes, drifting)
-    with_drift, without = run(drifting, steps)[0][-1], run(exact, steps)[0][-1]
+    steps = path(drifting)
+    with_drift, without = scenes.run(drifting, steps)[0][-1], scenes.run(exact, steps)[0][-1]
     is_target = np.array([f.name.startswith("target") for f in Sensor(exact, 1).features])
     close = np.isclose(with_drift, without, atol=1e-5)
     assert close[..., ~is_target].mean() > 0.995  # the edge of a cell
     assert not close[..., is_target].all(-1).any()
 
 
-def test_bias_and_walk_have_their_deviations(scenes: Any) -> None:
+def test_bias_and_walk_have_their_deviations() -> None:
     """After 4 m straight ahead in 40 steps, with one rate at a time; over many episodes."""
     n_copies, rate, metres = 1500, 0.03, 4.0
     for name in ("position", "heading", "turning"):
@@ -173,7 +161,7 @@ def test_bias_and_walk_have_their_deviations(scenes: Any) -> None:
             states = first.states.copy()
             states[:, :6] = metres * (time / 40 - 0.5), 0, 1, 0, 1, 0
             steps.append(first._replace(states=states, times=np.full(n_copies, time)))
-        _, known = run(task, steps)
+        _, known = scenes.run(task, steps)
         along, aside = known[-1, :, 0, 0] - metres / 2, known[-1, :, 0, 1]
         turned = np.arctan2(known[-1, :, 0, 5], known[-1, :, 0, 4])
         expected = {
@@ -188,20 +176,20 @@ def test_bias_and_walk_have_their_deviations(scenes: Any) -> None:
 
 @pytest.mark.parametrize("radio", [{"kind": "none"}, {"kind": "broadcast", "payload": "state"}])
 @pytest.mark.parametrize("kind", ["state", "bearing"])
-def test_drift_hides_the_own_position(scenes: Any, kind: str, radio: dict[str, str]) -> None:
+def test_drift_hides_the_own_position(kind: str, radio: dict[str, str]) -> None:
     """Regressions on observations and messages do no better than the reckoned position itself.
 
     Hearing another robot's estimate, and seeing where that robot is, gives one more estimate.
     """
     model = {"kind": kind, "drift": {"position": 0.3}}
     task = scenes.task(model, n_agents=2, communication=radio)
-    steps = [make_step(scenes, task, seed, time) for time, seed in enumerate((1, 2, 3))]
+    steps = [make_step(task, seed, time) for time, seed in enumerate((1, 2, 3))]
     steps = [step._replace(seeds=steps[0].seeds) for step in steps]
     for step in steps[:-1]:  # so that every step is about as long
         step.states[:, [0, 1, 8, 9]] *= 0.1
     columns = basis(Observer(task, 1).features, observe_robot_0(task, steps))
     position = steps[-1].states[:, :2].astype(np.float64)
-    _, known = run(task, steps)
+    _, known = scenes.run(task, steps)
     reckoning = spread(known[-1, :, 0, :2] - position)
     assert reckoning > 0.3
     honest = error_of(np.column_stack([np.ones(len(position)), known[-1, :, 0, :2]]), position)

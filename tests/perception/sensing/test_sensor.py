@@ -14,7 +14,8 @@ from swarmdata.registry.components import TASKS, make_env, make_task
 from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, robots_of
-from swarmdata.types import Float, Step
+from swarmdata.types import Step
+from tests.perception.sensing import scenes
 
 KINDS = ("state", "lidar", "bearing", "occupancy")
 WORSE = {
@@ -32,17 +33,7 @@ TEAM = [
 ]
 
 
-def run(sensor: Sensor, n_agents: int, steps: list[Step]) -> Float:
-    """Observations of one step after another, [T, E, N, O]."""
-    n_copies = len(steps[0].states)
-    shape = (len(steps), n_copies, n_agents, len(sensor.features))
-    out = np.full(shape, np.nan, dtype=np.float32)
-    for step, row in zip(steps, out, strict=True):
-        sensor.observe(step, np.ones(n_copies, dtype=np.bool_), row)
-    return out
-
-
-def episode(scenes: Any, task: Task, n_copies: int, seed: int) -> list[Step]:
+def episode(task: Task, n_copies: int, seed: int) -> list[Step]:
     steps = [scenes.step(task, n_copies, seed, time) for time in range(5)]
     return [step._replace(layouts=steps[0].layouts) for step in steps]
 
@@ -64,9 +55,7 @@ def rotated(step: Step, n_agents: int, c: float, s: float) -> Step:
 
 @pytest.mark.parametrize("model", [*({"kind": kind} for kind in KINDS[1:]), BODY_STATE])
 @pytest.mark.parametrize("quarters", [0, 1, 2, 3])
-def test_the_bodys_frame_turns_with_the_world(
-    scenes: Any, model: dict[str, str], quarters: int
-) -> None:
+def test_the_bodys_frame_turns_with_the_world(model: dict[str, str], quarters: int) -> None:
     """By quarter turns in a square arena, and by any angle where no wall is in range."""
     task = scenes.task(model, has_bodies=True, has_features=True)
     step = scenes.step(task, 3, 5)
@@ -77,18 +66,17 @@ def test_the_bodys_frame_turns_with_the_world(
         (task, *[(1, 0), (0, 1), (-1, 0), (0, -1)][quarters]),
         (open_task, np.cos(angle), np.sin(angle)),
     ]:
-        sensor = Sensor(where, 3)
-        before, after = run(sensor, 4, [step, rotated(step, 4, c, s)])
+        before, after = scenes.run(where, [step, rotated(step, 4, c, s)])[0]
         # a grazing ray or a cell's edge may fall either way
         assert np.mean(abs(before - after) > 1e-4) < 0.005
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @given(seed=st.integers(0, 2**32))
-def test_a_copy_observes_the_same_alone_and_in_any_batch(scenes: Any, kind: str, seed: int) -> None:
+def test_a_copy_observes_the_same_alone_and_in_any_batch(kind: str, seed: int) -> None:
     task = scenes.task({"kind": kind, **WORSE}, has_bodies=True, has_features=True, team=TEAM)
-    steps = episode(scenes, task, 3, seed)
-    together = run(Sensor(task, 3), 4, steps)
+    steps = episode(task, 3, seed)
+    together = scenes.run(task, steps)[0]
     for b in range(3):
         part = [
             step._replace(
@@ -99,23 +87,24 @@ def test_a_copy_observes_the_same_alone_and_in_any_batch(scenes: Any, kind: str,
             )
             for step in steps
         ]
-        np.testing.assert_array_equal(run(Sensor(task, 1), 4, part)[:, 0], together[:, b])
+        np.testing.assert_array_equal(scenes.run(task, part)[0][:, 0], together[:, b])
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_to_forget_is_to_be_fresh(scenes: Any, kind: str) -> None:
+def test_to_forget_is_to_be_fresh(kind: str) -> None:
     task = scenes.task({"kind": kind, **WORSE}, team=TEAM)
-    first, second = (episode(scenes, task, 2, seed) for seed in (1, 2))
+    first, second = (episode(task, 2, seed) for seed in (1, 2))
     used = Sensor(task, 2)
-    run(used, 4, first)
+    scenes.run(task, first, used)
     used.forget(np.array([0, 1]))
-    np.testing.assert_array_equal(run(used, 4, second), run(Sensor(task, 2), 4, second))
+    again, fresh = scenes.run(task, second, used)[0], scenes.run(task, second)[0]
+    np.testing.assert_array_equal(again, fresh)
 
 
 @pytest.mark.parametrize("modifiers", [{}, WORSE])
 @pytest.mark.parametrize("kind", KINDS)
 def test_rows_of_other_copies_and_columns_of_others_are_not_written(
-    scenes: Any, kind: str, modifiers: dict[str, Any]
+    kind: str, modifiers: dict[str, Any]
 ) -> None:
     task = scenes.task({"kind": kind, **modifiers}, has_features=True, team=TEAM)
     sensor, step = Sensor(task, 3), scenes.step(task, 3, 1)
@@ -123,13 +112,13 @@ def test_rows_of_other_copies_and_columns_of_others_are_not_written(
     sensor.observe(step, np.array([True, False, True]), wide[..., :-7])
     assert (wide[1] == -5).all()
     assert (wide[..., -7:] == -5).all()
-    tight = run(Sensor(task, 3), 4, [step])[0]
+    tight = scenes.run(task, [step])[0][0]
     np.testing.assert_array_equal(wide[[0, 2], :, :-7], tight[[0, 2]])
     assert np.isfinite(tight).all()
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_names_are_unique_and_the_role_comes_last(scenes: Any, kind: str) -> None:
+def test_names_are_unique_and_the_role_comes_last(kind: str) -> None:
     task = scenes.task({"kind": kind, "stack": 2}, has_features=True, team=TEAM)
     sensor = Sensor(task, 1)
     names = [feature.name for feature in sensor.features]
@@ -137,16 +126,16 @@ def test_names_are_unique_and_the_role_comes_last(scenes: Any, kind: str) -> Non
     assert names[-2:] == ["role.scout", "role.carrier"]
     size = (len(names) - 2) // 2
     assert [f"{name}[-1]" for name in names[:size]] == names[size:-2]
-    out = run(sensor, 4, [scenes.step(task, 1, 0)])[0, 0]
+    out = scenes.observe(task, scenes.step(task, 1, 0))[0]
     np.testing.assert_array_equal(out[:, -2:], [[1, 0], [0, 1], [0, 1], [0, 1]])
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_the_task_adds_is_in_the_models_frame(scenes: Any, kind: str) -> None:
+def test_what_the_task_adds_is_in_the_models_frame(kind: str) -> None:
     """The task gives each robot's heading, which is (1, 0) in its own frame."""
     task = scenes.task({"kind": kind}, has_features=True)
-    step, sensor = scenes.step(task, 2, 3), Sensor(task, 2)
-    out = run(sensor, 4, [step])[0, ..., -3:]
+    step, sensor = scenes.step(task, 2, 3), Sensor(task, 1)
+    out = scenes.observe(task, step)[..., -3:]
     assert [f.name for f in sensor.features[-3:]] == ["slot_x", "slot_y", "number"]
     headings = robots_of(step.states, 4)[..., 4:6]
     expected = headings if kind == "state" else np.broadcast_to([1, 0], headings.shape)
@@ -157,16 +146,16 @@ def test_what_the_task_adds_is_in_the_models_frame(scenes: Any, kind: str) -> No
 @pytest.mark.parametrize("worse", [{}, WORSE])
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_goal_is_hidden_after_its_steps_and_nothing_else_changes(
-    scenes: Any, kind: str, worse: dict[str, Any]
+    kind: str, worse: dict[str, Any]
 ) -> None:
     """A frame sensed while the goal was shown still shows it when it is late or stacked."""
     plain, hiding = (
         scenes.task({"kind": kind, **worse, **more}, has_features=True, team=TEAM)
         for more in ({}, {"goal_steps": 2})
     )
-    steps = episode(scenes, plain, 2, 7)
+    steps = episode(plain, 2, 7)
     features, names = Sensor(plain, 2).features, [f.name for f in Sensor(hiding, 2).features]
-    expected, got = run(Sensor(plain, 2), 4, steps), run(Sensor(hiding, 2), 4, steps)
+    expected, got = scenes.run(plain, steps)[0], scenes.run(hiding, steps)[0]
     delay = plain.spec.observation.delay
     for column, feature in enumerate(features):
         assert ("shown_" in names[column]) == feature.tells_goal
@@ -181,18 +170,18 @@ def test_the_goal_is_hidden_after_its_steps_and_nothing_else_changes(
 @pytest.mark.parametrize("worse", [{}, WORSE])
 @pytest.mark.parametrize("kind", KINDS)
 def test_without_velocities_the_other_features_stay_as_they_are(
-    scenes: Any, kind: str, worse: dict[str, Any]
+    kind: str, worse: dict[str, Any]
 ) -> None:
     plain, without = (
         scenes.task({"kind": kind, **worse, **more}, has_features=True, team=TEAM)
         for more in ({}, {"velocities": False})
     )
-    steps = episode(scenes, plain, 2, 7)
+    steps = episode(plain, 2, 7)
     features = Sensor(plain, 2).features
     kept = [k for k, feature in enumerate(features) if feature.kind != "velocity"]
     assert len(kept) < len(features)
     assert Sensor(without, 2).features == tuple(features[k] for k in kept)
-    expected, got = run(Sensor(plain, 2), 4, steps), run(Sensor(without, 2), 4, steps)
+    expected, got = scenes.run(plain, steps)[0], scenes.run(without, steps)[0]
     np.testing.assert_array_equal(got, expected[..., kept])
 
 
@@ -203,16 +192,14 @@ def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> Non
     step = make_env(spec, 2).reset(np.arange(2, dtype=np.uint64))
     task, states = make_task(spec), step.states.copy()
     robots_of(states, spec.n_agents)[..., TX : TY + 1] *= -0.5
-    before, after = (
-        run(Sensor(task, 2), spec.n_agents, [each]) for each in (step, step._replace(states=states))
-    )
+    before, after = (scenes.run(task, [each])[0] for each in (step, step._replace(states=states)))
     np.testing.assert_array_equal(before, after)
-    shown = Sensor(make_task(preset(name)), 2)
-    seen, other = run(shown, spec.n_agents, [step, step._replace(states=states)])
+    shown = make_task(preset(name))
+    seen, other = scenes.run(shown, [step, step._replace(states=states)])[0]
     assert not np.array_equal(seen, other)
 
 
-def test_the_bodys_frame_has_no_coordinates_of_the_world(scenes: Any) -> None:
+def test_the_bodys_frame_has_no_coordinates_of_the_world() -> None:
     """Neither the own position nor the heading: a world that is moved and turned looks the same."""
     task, world = (
         scenes.task(model, has_bodies=True, has_features=True)
@@ -226,13 +213,13 @@ def test_the_bodys_frame_has_no_coordinates_of_the_world(scenes: Any) -> None:
         states[:, column] += 3
     layouts[..., 1] += 3
     moved = rotated(step._replace(states=states, layouts=layouts), 4, np.cos(1.0), np.sin(1.0))
-    before, after = run(Sensor(task, 3), 4, [step, moved])
+    before, after = scenes.run(task, [step, moved])[0]
     np.testing.assert_allclose(before, after, atol=1e-5)
     first = names.index("own.heading_x")
     np.testing.assert_array_equal(before[..., first : first + 2], [[[1, 0]] * 4] * 3)
 
 
-def test_an_array_of_the_wrong_width_is_refused(scenes: Any) -> None:
+def test_an_array_of_the_wrong_width_is_refused() -> None:
     task = scenes.task({"kind": "lidar"})
     sensor = Sensor(task, 1)
     narrow = np.zeros((1, 4, len(sensor.features) - 1), dtype=np.float32)

@@ -4,17 +4,21 @@ import itertools
 from typing import Any
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba import njit
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import bounding_radius, nearest
 from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.sensing.state import order_keys, take_smallest
 from swarmdata.specs.state_layout import robots_of
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Int
+from tests.perception.sensing import scenes
 
 
-def twin(_scenes: Any, task: Task, state: Float, layout: Float) -> Double:
+def twin(task: Task, state: Float, layout: Float) -> Double:
     """One copy's observations in plain NumPy, [N, O]."""
     model: Any = task.spec.observation
     robots = task.spec.robots
@@ -52,31 +56,19 @@ def twin(_scenes: Any, task: Task, state: Float, layout: Float) -> Double:
 
 
 @given(
-    seed=st.integers(0, 2**32),
-    n_neighbors=st.integers(0, 5),
-    n_obstacles=st.integers(0, 8),
-    n_agents=st.integers(1, 5),
-    limit=st.none() | st.floats(0.1, 3.0),
-    sensor_range=st.none() | st.floats(0.1, 3.0),
-    dynamics=st.sampled_from(["holonomic", "unicycle"]),
+    scenes.cases(
+        5,
+        kind="state",
+        n_neighbors=st.integers(0, 5),
+        n_obstacles=st.integers(0, 8),
+        limit=st.none() | st.floats(0.1, 3.0),
+    )
 )
-def test_the_kernel_equals_its_numpy_twin(
-    scenes: Any,
-    seed: int,
-    n_neighbors: int,
-    n_obstacles: int,
-    n_agents: int,
-    limit: float | None,
-    sensor_range: float | None,
-    dynamics: str,
-) -> None:
-    slots = {"n_neighbors": n_neighbors, "n_obstacles": n_obstacles, "limit": limit}
-    robot = {"dynamics": dynamics, "sensor_range": sensor_range}
-    task = scenes.task({"kind": "state", **slots}, team=[{"count": n_agents, "robot": robot}])
-    scenes.compare(task, twin, seed)
+def test_the_kernel_equals_its_numpy_twin(case: dict[str, Any]) -> None:
+    scenes.compare(twin, **case)
 
 
-def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: Any) -> None:
+def test_the_features_of_the_default_model_keep_their_names_and_order() -> None:
     task = scenes.task({"kind": "state"}, team=[{"count": 4}])
     names = [feature.name for feature in Sensor(task, 1).features]
     own = ["x", "y", "vx", "vy", "goal_dx", "goal_dy", "goal_ux", "goal_uy"]
@@ -89,7 +81,7 @@ def test_the_features_of_the_default_model_keep_their_names_and_order(scenes: An
     ]
 
 
-def test_every_x_component_is_followed_by_its_y(scenes: Any) -> None:
+def test_every_x_component_is_followed_by_its_y() -> None:
     features = Sensor(scenes.task({"kind": "state"}), 1).features
     for one, two in itertools.pairwise(features):
         assert (one.axis == "x") == (two.axis == "y")
@@ -97,31 +89,39 @@ def test_every_x_component_is_followed_by_its_y(scenes: Any) -> None:
             assert (one.kind, one.name.replace("x", "y")) == (two.kind, two.name.replace("x", "y"))
 
 
-def test_empty_slots_are_zero_with_mask_zero(scenes: Any) -> None:
-    task = scenes.task({"kind": "state"}, n_agents=2)
-    sensor, step = Sensor(task, 1), scenes.step(task, 1, 1)
-    out = np.full((1, 2, len(sensor.features)), np.nan, dtype=np.float32)
-    sensor.observe(step, np.array([True]), out)
-    names = [feature.name for feature in sensor.features]
-    empty = [k for k, name in enumerate(names) if name.startswith(("neighbor_1", "neighbor_2"))]
-    assert not out[..., empty].any()
-    assert (out[..., names.index("neighbor_0.mask")] == 1).all()
-
-
 @given(seed=st.integers(0, 2**32), n_slots=st.integers(1, 2), dropout=st.sampled_from([0.0, 0.4]))
-def test_more_slots_begin_with_the_bits_of_fewer(
-    scenes: Any, seed: int, n_slots: int, dropout: float
-) -> None:
+def test_more_slots_begin_with_the_bits_of_fewer(seed: int, n_slots: int, dropout: float) -> None:
     blocks = []
     for n_obstacles in (n_slots, 6):  # of 6 obstacles: the likely ones first, and in order
         model = {"kind": "state", "n_obstacles": n_obstacles, "n_neighbors": 0, "dropout": dropout}
         task = scenes.task(model)
         step = scenes.step(task, 3, seed)
         step.layouts[:, [1, 5]] = step.layouts[:, [0, 4]]  # equally near
-        sensor = Sensor(task, 3)
-        out = np.zeros((3, 4, len(sensor.features)), np.float32)
-        sensor.observe(step, np.ones(3, np.bool_), out)
-        blocks.append(out[..., len(sensor.features) - 8 * n_obstacles :])
+        blocks.append(scenes.observe(task, step)[..., -8 * n_obstacles :])
 
     few, many = blocks
     assert few.tobytes() == many[..., : 8 * n_slots].tobytes()
+
+
+numbers = st.floats(allow_nan=False).map(lambda x: x + 0.0)  # -0 becomes 0
+
+
+@njit  # type: ignore[untyped-decorator]
+def ranks(values: Double) -> Int:
+    """Indices of the values, smallest first, by the functions under test."""
+    keys = values.copy().view(np.int64)
+    order_keys(keys)
+    out = np.empty(values.shape[0], np.int64)
+    for k in range(values.shape[0]):
+        out[k] = take_smallest(keys)
+    return out
+
+
+@pytest.mark.slow
+@given(
+    st.lists(numbers, max_size=70)
+    | st.lists(st.sampled_from([-np.inf, -1.5, 0.0, 5e-324, 2.0, np.inf]), max_size=40)
+)
+def test_taking_the_smallest_numbers_in_turn_is_a_stable_sort(values: list[float]) -> None:
+    array = np.array(values, dtype=np.float64)
+    np.testing.assert_array_equal(ranks(array), np.argsort(array, kind="stable"))

@@ -1,10 +1,8 @@
 """Runs channels over trajectories."""
 
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-import pytest
 
 from swarmdata import types
 from swarmdata.perception.comms import Channel
@@ -90,18 +88,3 @@ def run(
         written = (now.sent, now.delivered, now.ages, now.observations[..., GUARD:])
         rows.append([array.copy() for array in written])
     return Log(*(np.array(column) for column in zip(*rows, strict=True)))
-
-
-class Lab(NamedTuple):
-    """The functions above."""
-
-    make_spec: Callable[..., TaskSpec]
-    make_states: Callable[..., Float]
-    blank_step: Callable[..., Step]
-    run: Callable[..., Log]
-
-
-@pytest.fixture(scope="session")
-def lab() -> Lab:
-    """Functions that make specs and states and run channels."""
-    return Lab(make_spec, make_states, blank_step, run)
