@@ -145,9 +145,7 @@ def record() -> Callable[..., Path]:
     from swarmdata.building.part_maker import make_part
     from swarmdata.registry.components import make_env
     from swarmdata.specs.recipe import PolicySource, Recipe
-    from swarmdata.store.assembly import assemble
-    from swarmdata.store.episode_order import merge_order
-    from swarmdata.store.parts import write_part
+    from tests.support.made_episodes import stored
 
     def write(out: Path, spec: "TaskSpec", policies: tuple[str, ...], tier: str = "small") -> Path:
         recipe = Recipe(
@@ -158,13 +156,8 @@ def record() -> Callable[..., Path]:
             n_steps=8 * spec.horizon,
             part_episodes=8,
         )
-        env, lengths, parts = make_env(spec, 8), [], {}
-        for policy in range(len(policies)):
-            episodes = make_part(recipe, policy, 0, env)
-            lengths.append([len(episode) for episode in episodes])
-            parts[policy] = [out.parent / f"{out.name}-part-{policy}"]
-            write_part(parts[policy][0], episodes)
-        assemble(out, recipe=recipe, parts=parts, order=merge_order(recipe, lengths).order)
+        env = make_env(spec, 8)
+        stored(out, recipe, [make_part(recipe, k, 0, env) for k in range(len(policies))])
         return out
 
     return write

@@ -23,14 +23,7 @@ from swarmdata.types import Int
 
 
 def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> Edit:
-    """The origin of the dataset of all views' episodes.
-
-    Raises:
-        SpecError: the specs differ, another package defines the task, a view was reobserved or
-            reweighted, or the id is malformed.
-        SchemaError: two episodes have the same seed, or there are too many policies.
-        BuildError: a view is empty, or no episode is in the train split.
-    """
+    """The origin of the dataset of all views' episodes; errors are those of `combine_datasets`."""
     _check_specs(views)
     _check_episodes(views)
     policies, _ = merge_policies(views)
@@ -105,11 +98,7 @@ def _check_episodes(views: Sequence[Dataset]) -> None:
 def merge_policies(
     views: Sequence[Dataset],
 ) -> tuple[tuple[PolicySource, ...], list[dict[int, int]]]:
-    """The policies that made the views' episodes, and for each view the new index of each old one.
-
-    Raises:
-        SchemaError: more than 256 policies.
-    """
+    """The policies of the views' episodes, and for each view the new index of each old one."""
     merged: dict[str, PolicySource] = {}
     maps: list[dict[int, int]] = []
     for view in views:
@@ -136,10 +125,7 @@ def _label(source: PolicySource, dataset: str, taken: Mapping[str, PolicySource]
 
 
 def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
-    """Writes the dataset that an edit describes, one process at a time.
-
-    It gets a card if all of its parents have one.
-    """
+    """Writes the dataset of an edit, with a card if all parents have one; one process at a time."""
     _, maps = merge_policies(views)
     pieces = [
         Piece(view.stored, _increasing(view), map_) for view, map_ in zip(views, maps, strict=True)

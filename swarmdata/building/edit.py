@@ -156,12 +156,9 @@ def subsample_dataset(
 
 
 def rebuild_edit(edit: Edit, parents: Sequence[Dataset], out: Path | str) -> Dataset:
-    """Makes an edited dataset again from its parents; the digest is the same.
+    """Makes an edited dataset again from its parents, in any order; the digest is the same.
 
-    Args:
-        edit: of the dataset, its `recipe`.
-        parents: datasets with the digests that it names, in any order.
-        out: folder of the dataset. Where it is there already, it is kept.
+    Where `out` has it already, it is kept.
 
     Raises:
         DatasetNotFoundError: a parent is missing.

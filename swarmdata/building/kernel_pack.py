@@ -24,12 +24,9 @@ SUFFIX = ".nbc"
 
 
 def make_pack(out: Path) -> None:
-    """Makes the pack of the kernels that Python calls when each world and policy is used.
+    """Makes the pack, a new folder, of the kernels that Python calls when everything is used.
 
     The process that calls this notes the files that it opens until it ends.
-
-    Args:
-        out: folder of the pack; it is made, and must not be there.
 
     Raises:
         BuildError: a kernel was not compiled yet.
@@ -52,12 +49,7 @@ def make_pack(out: Path) -> None:
 
 
 def gather(kernels: Iterable[Path], out: Path) -> None:
-    """Copies compiled kernels of a cache, `DIGEST/PLACE/file`, and their indices to `out/DIGEST`.
-
-    Args:
-        kernels: files of a cache that was written for `PACK_CPU`.
-        out: folder of the pack; it is made, and must not be there.
-    """
+    """Copies kernels for `PACK_CPU`, `DIGEST/PLACE/file`, and their indices to `out/DIGEST`."""
     out.mkdir(parents=True)
     for kernel in kernels:
         folder = out / kernel.parent.parent.name

@@ -63,12 +63,8 @@ N_COPIES = 2
 def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
     """Compiles what is not compiled yet, and keeps it in `kernel_folder()`.
 
-    Args:
-        workers: processes that compile; by default one for each core. They share the kernels.
-        progress: whether to show a bar on standard error, where that is a terminal.
-
-    Returns:
-        How many kernels were compiled, each counted once for the types that it is called with.
+    `workers` processes, by default one for each core, share the kernels. Returns how many were
+    compiled, each counted once for the types that it is called with.
     """
     before = kept_kernels()
     jobs = _jobs()

@@ -27,11 +27,7 @@ _FILE = re.compile(r"[a-z_]+\.npy")
 
 @dataclass
 class PartExchange:
-    """The parts of one recipe, here and on a remote.
-
-    Raises:
-        HubError: the remote takes whole datasets only.
-    """
+    """The parts of one recipe, here and on a remote."""
 
     parts: Parts
     remote: PartRemote

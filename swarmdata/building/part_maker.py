@@ -23,15 +23,10 @@ def make_part(
     report: Report = lambda steps: None,
     folder: Path | None = None,
 ) -> list[Episode]:
-    """Simulates part number `part` of one policy's stream.
+    """Simulates part number `part` of one policy's stream, the same in any number of copies.
 
-    Args:
-        recipe: the recipe.
-        policy: index into `recipe.policies`.
-        part: k.
-        env: copies of the recipe's task; any number of them gives the same episodes.
-        report: called with the joint steps of each episode.
-        folder: with a folder `checkpoints` of the recipe's own networks, if it has any.
+    `report` is called with the joint steps of each; `folder` has a folder `checkpoints` of the
+    recipe's own networks, if it has any.
     """
     seeds = episode_seeds(recipe, policy, part * recipe.part_episodes, recipe.part_episodes)
     actor = make_source_policy(recipe.policies[policy], recipe.spec, folder)

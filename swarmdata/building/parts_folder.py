@@ -44,15 +44,16 @@ class Parts:
     def open(self, checkpoints: Path | None) -> None:
         """Creates the folder, or checks that the one there is of the same recipe.
 
-        Args:
-            checkpoints: folder with a folder `checkpoints` of the recipe's own networks, which are
-                copied; None: they are here already, or there are none.
+        The recipe's own networks are copied from a folder that has a folder `checkpoints`; None:
+        they are here already, or there are none.
         """
         source = self.folder if checkpoints is None else checkpoints
         networks = own_checkpoints(self.recipe.policies, source)  # before the folder is made
         self.folder.mkdir(exist_ok=True)
         self._note()
-        self.remove_consumed()
+        for path in self.all():
+            if is_consumed(path):  # an interrupted assembly has taken files of it
+                shutil.rmtree(path)
         for name, content in networks.items():
             (self.folder / CHECKPOINTS).mkdir(exist_ok=True)
             write_file(self.folder / CHECKPOINTS / name, content)
@@ -107,12 +108,6 @@ class Parts:
                 (folder / source.checkpoint).unlink(missing_ok=True)
         if not any(folder.iterdir()):
             folder.rmdir()
-
-    def remove_consumed(self) -> None:
-        """Removes the parts of which an interrupted assembly has taken files."""
-        for path in self.all():
-            if is_consumed(path):
-                shutil.rmtree(path)
 
     def all(self) -> list[Path]:
         """Every part, those after a gap included."""

@@ -53,12 +53,9 @@ def make_share(
     """
     if not 1 <= share <= n_shares:
         raise SpecError(f"share {share}/{n_shares} does not exist, expected 1/N to N/N")
-    out = Path(out)
-    if is_finished(out, recipe):
+    parts = _opened(recipe, out, checkpoints)
+    if parts is None:
         return []
-    out.parent.mkdir(parents=True, exist_ok=True)
-    parts = Parts(recipe, build_folder(out))
-    parts.open(checkpoints)
     exchange = None if remote is None else PartExchange.open(parts, remote)
     if exchange is not None:
         exchange.receive(share, n_shares)
@@ -91,13 +88,18 @@ def receive_parts(
         HubError: the remote could not be asked, or takes whole datasets only.
         RecipeConflictError: `out` or its parts belong to another recipe.
     """
-    out = Path(out)
+    parts = _opened(recipe, out, checkpoints)
+    return 0 if parts is None else PartExchange.open(parts, remote).receive()
+
+
+def _opened(recipe: Recipe, out: Path, checkpoints: Path | None) -> Parts | None:
+    """The folder of parts, begun if it is not there; None: the dataset is finished."""
     if is_finished(out, recipe):
-        return 0
+        return None
     out.parent.mkdir(parents=True, exist_ok=True)
     parts = Parts(recipe, build_folder(out))
     parts.open(checkpoints)
-    return PartExchange.open(parts, remote).receive()
+    return parts
 
 
 def finish_parts(recipe: Recipe, out: Path, *, progress: bool = True) -> Path:
@@ -107,7 +109,6 @@ def finish_parts(recipe: Recipe, out: Path, *, progress: bool = True) -> Path:
         BuildError: parts are missing.
         RecipeConflictError: `out` or its parts belong to another recipe.
     """
-    out = Path(out)
     if is_finished(out, recipe):
         return out
     parts = Parts(recipe, build_folder(out))

@@ -24,13 +24,10 @@ def keys_of(table: EpisodeTable, seed: int) -> Seeds:
 
 
 def sized(table: EpisodeTable, n_steps: int, seed: int) -> Int:
-    """Chooses episodes of at least `n_steps` joint steps, as few as their order allows.
+    """Chooses episodes of at least `n_steps` joint steps, as few as their order allows; increasing.
 
     Splits and policies keep their shares of the steps, each to within an episode: proportional
     stratified sampling (Cochran, "Sampling Techniques", 3rd edition, 1977, section 5.5).
-
-    Returns:
-        indices into the table, increasing.
 
     Raises:
         SchemaError: there are not so many steps.
@@ -52,15 +49,10 @@ def _prefix(lengths: Int, order: Int, n_steps: int) -> Int:
 
 
 def proportional(lengths: Int, strata: Int, keys: Seeds) -> Int:
-    """An order of episodes of which every prefix holds each stratum in proportion.
+    """An order of episodes of which every prefix holds each stratum's steps in proportion.
 
-    Inside a stratum the order is random. An episode's place is the share of its stratum's steps
-    that are before its middle; places are merged.
-
-    Args:
-        lengths: joint steps, [n].
-        strata: group of each episode, [n].
-        keys: random numbers, [n].
+    Inside a stratum the order is that of the random keys. An episode's place is the share of its
+    stratum's steps that are before its middle; places are merged. All arguments are [n].
     """
     places = np.empty(len(lengths))
     for stratum in np.unique(strata):

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from operator import methodcaller
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,12 +22,12 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset, open_store
 from swarmdata.store.arrays.layout import CARD
 from swarmdata.store.stored_dataset import Verify
-from swarmdata.types import Column, Episode, Int, shortened
+from swarmdata.store.table import team_returns
+from swarmdata.types import END_REASONS, Column, Episode, Int, shortened
 
 if TYPE_CHECKING:
     from swarmdata.datasets.reobservation import Reobservation
     from swarmdata.datasets.reweighting import OtherRewards, RewardFunction
-    from swarmdata.datasets.side_view import SideView
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -139,10 +141,8 @@ class Dataset(View[Sampler]):
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the folder and the selection; other processes map the files themselves."""
         if self.side_view is not None:
-            from swarmdata.datasets.side_view import side_again  # noqa: PLC0415  (the same)
-
             whole = replace(self.side_view.whole, selection=self.selection)
-            return side_again, (whole, self.side_view.spec.side)
+            return methodcaller("side", self.side_view.spec.side), (whole,)
         if self.reobservation is None and self.reweighting is None:
             return Dataset, (self.stored, self.selection, self.references, self.source)
         from swarmdata.datasets.pickled_views import pickled  # noqa: PLC0415  (rarely needed)
@@ -150,7 +150,6 @@ class Dataset(View[Sampler]):
         return pickled(self)
 
     def __repr__(self) -> str:
-        """Shows identity and size, the models of a reobservation, and changed weights."""
         whole = len(self.stored.table)
         part = "" if len(self) == whole else f" of {whole:,}"
         models = "".join(f" {each.summary};" for each in self._other_views)
@@ -285,10 +284,8 @@ class Dataset(View[Sampler]):
             SpecError: the task has one side only, or the dataset is of another environment.
             SchemaError: this is one side already.
         """
-        from swarmdata.datasets.side_view import side_view  # noqa: PLC0415  (rarely needed)
-
         self._check_whole("side")
-        found = side_view(self, name)
+        found = _side_view(self, name)
         return replace(self, stored=found.stored, references=None, side_view=found)
 
     def _check_whole(self, method: str) -> None:
@@ -366,3 +363,64 @@ class Dataset(View[Sampler]):
 
         make = resolve("replay buffer", REPLAY_BUFFERS, "torchrl")
         return make(self, batch_size, slice_length, keys)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SideView:
+    """The rows of one side."""
+
+    whole: Dataset  # with the rows of all sides
+    stored: StoredDataset  # the same files with the rows of this side
+    spec: SideSpec
+
+    @property
+    def summary(self) -> str:
+        """A few words."""
+        return f"the {self.spec.side} alone"
+
+    @property
+    def note(self) -> str:
+        """One paragraph about the side, Markdown."""
+        return (
+            f"> **This is one side**, the {self.spec.side}, with their observations, actions, "
+            "rewards, returns and successes; states are those of all robots. The card below "
+            "describes the whole dataset.\n"
+        )
+
+    @cached_property
+    def moments(self) -> Moments:
+        """Moments of the side's observations and rewards over the train split."""
+        from swarmdata.store.arrays.running_moments import train_moments  # noqa: PLC0415  (rarely needed)
+
+        mean, std = train_moments(self.stored, "observations")
+        (reward_mean,), (reward_std,) = train_moments(self.stored, "rewards")
+        return Moments(mean, std, float(reward_mean), float(reward_std))
+
+
+def _side_view(whole: Dataset, name: str) -> SideView:
+    """The rows of one side; only rewards are read."""
+    from swarmdata.rollouts.side_policy import (  # noqa: PLC0415  (compiled code, rarely needed)
+        AGENT_ARRAYS,
+        PAIR_ARRAYS,
+        end_reason_for,
+        rows_of_side,
+    )
+
+    task, stored = whole.task, whole.stored
+    side = task.side(name)
+    arrays = {
+        each: rows_of_side(each, stored.arrays[each], side)
+        for each in (*AGENT_ARRAYS, *PAIR_ARRAYS)
+        if each in stored.arrays
+    }
+    codes = stored.table.end_reason.tolist()
+    ends = np.array([end_reason_for(side, code) for code in codes], dtype=np.uint8)
+    columns = {
+        "episodes/team_return": team_returns(stored.table, arrays["rewards"]),
+        "episodes/end_reason": ends,
+        "episodes/success": ends == END_REASONS.index("success"),
+    }
+    for column in columns.values():
+        column.setflags(write=False)
+    seen = stored.with_arrays({**arrays, **columns})
+    return SideView(whole, seen, SideSpec(whole=task, side=name))

@@ -67,11 +67,7 @@ class Mixture(TrainingData["MixtureSampler"]):
 
     @property
     def task(self) -> TaskSpec:
-        """The task that was recorded, one of this library.
-
-        Raises:
-            SpecError: the datasets were recorded in another environment.
-        """
+        """The task that was recorded, as `Dataset.task`."""
         return self.parts[0].task
 
     @property
@@ -104,15 +100,12 @@ class Mixture(TrainingData["MixtureSampler"]):
         return Moments(observation_mean, observation_std, float(reward_mean), float(reward_std))
 
     def __len__(self) -> int:
-        """Number of episodes."""
         return sum(map(len, self.parts))
 
     def __iter__(self) -> Iterator[Episode]:
-        """Yields the episodes of the parts, one part after the other."""
         return (episode for part in self.parts for episode in part)
 
     def __repr__(self) -> str:
-        """Shows the parts with their weights."""
         parts = zip(self.weights, self.parts, strict=True)
         named = ", ".join(f"{weight:.3g} {part.id}" for weight, part in parts)
         return shortened(
@@ -128,7 +121,6 @@ class Mixture(TrainingData["MixtureSampler"]):
         return np.repeat(shares, [len(part) for part in self.parts])
 
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Yields some arrays of each episode, one part after the other, and reads no others."""
         return chain.from_iterable(part.read(*names) for part in self.parts)
 
     def _chosen(self, choice: Choice) -> "Mixture":
@@ -142,11 +134,9 @@ class Mixture(TrainingData["MixtureSampler"]):
         return MixtureSampler([part.sampler(**sizes) for part in self.parts], self.weights)
 
     def make_env(self, n_copies: int = 1, *, n_threads: int = 1) -> VecEnv:
-        """Builds copies of the world that was recorded, as `Dataset.make_env` does."""
         return self.parts[0].make_env(n_copies, n_threads=n_threads)
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
-        """Returns the score of team returns, as `Dataset.normalized_score` does."""
         return self.parts[0].normalized_score(returns)
 
 
@@ -184,13 +174,7 @@ class MixtureSampler(BatchStream):
         return index
 
     def gather(self, index: Int, wanted: Wanted = None) -> Batch:
-        """Returns the transitions or windows that start at `index`, any shape.
-
-        Fields that a part has not recorded are None.
-
-        Raises:
-            IndexError: an index outside the mixture.
-        """
+        """Fields that a part has not recorded are None."""
         if index.size and not 0 <= index.min() <= index.max() < self._starts[-1]:
             raise IndexError(
                 f"index {index.min()} to {index.max()}, expected 0 to {self._starts[-1] - 1}"

@@ -34,7 +34,6 @@ class Moments:
         )
 
     def __repr__(self) -> str:
-        """Shows how many features there are and the moments of rewards."""
         return (
             f"Moments({len(self.observation_mean)} features; rewards {self.reward_mean:.4g} "
             f"± {self.reward_std:.4g}; fields {', '.join(field.name for field in fields(self))})"
@@ -70,7 +69,6 @@ class Statistics:
         )
 
     def __repr__(self) -> str:
-        """Shows how many features there are and the moments of rewards, on one line."""
         n, n_constant = len(self.is_constant), int(self.is_constant.sum())
         constant = f", {n_constant} of them constant" if n_constant else ""
         return (

@@ -22,7 +22,7 @@ from swarmdata.specs.origins import task_of
 from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
-from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.running_moments import train_moments
 from swarmdata.store.arrays.scratch_arrays import new_arrays
 from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, blank_step, shortened
 
@@ -61,7 +61,6 @@ class Reobservation:
     """The recorded ones, with those of `OBSERVED_ARRAYS` computed anew."""
 
     def __repr__(self) -> str:
-        """Shows the dataset and what is new."""
         return shortened(f"<Reobservation of {self.recorded!r}: {self.summary}>")
 
     @property
@@ -87,17 +86,7 @@ class Reobservation:
     @cached_property
     def moments(self) -> tuple[Double, Double]:
         """Mean and standard deviation of observations over the train split, [O] each."""
-        table, moments = self.recorded.table, Moments()
-        observations = self.arrays["observations"]
-        reads = MappedReads([observations])
-        for index in np.flatnonzero(table.split == 0):
-            first = int(table.starts[index]) + int(index)
-            rows = observations[first : first + int(table.lengths[index]) + 1]
-            moments.add(rows.reshape(-1, rows.shape[-1]))
-            reads.add(rows)
-        reads.release()
-        mean, std = moments.result()
-        return np.array(mean), np.array(std)
+        return train_moments(replace(self.recorded, arrays=dict(self.arrays)), "observations")
 
 
 def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True) -> Reobservation:
@@ -107,11 +96,6 @@ def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True)
     million states of four robots with 16 lidar rays: in memory if it is small, else in files of
     `new_arrays`. Nothing else is copied, except the commands, where recorded actions hold learned
     messages and the new models have none.
-
-    Args:
-        recorded: the open files.
-        spec: the recorded task with other models.
-        progress: whether to show a bar (on standard error, if that is a terminal).
 
     Raises:
         SpecError: the new models need learned messages that the recorded actions do not hold.
@@ -142,12 +126,7 @@ def reobserve_episode(episode: Episode, task: Task) -> dict[str, NDArray[Any]]:
 
 
 def reobserved_episode(episode: Episode, recorded: TaskSpec, spec: TaskSpec) -> Episode:
-    """The same episode through the models of `spec`.
-
-    Args:
-        episode: as it was recorded.
-        recorded: the spec that made it.
-        spec: the same world with other models.
+    """An episode that was recorded in one spec, through the models of another of the same world.
 
     Raises:
         SpecError: the new models need learned messages that the actions do not hold.
@@ -185,15 +164,10 @@ def observe_episodes(
     n_copies: int = N_OBSERVED_COPIES,
     progress: bool = True,
 ) -> dict[str, NDArray[Any]]:
-    """Runs the observer over recorded episodes; returns the arrays `OBSERVED_ARRAYS`, read-only.
+    """Runs the observer of a task over recorded episodes; returns `OBSERVED_ARRAYS`, read-only.
 
-    Episodes of similar length run side by side, so that few copies wait for others to end.
-
-    Args:
-        task: with the new models.
-        episodes: as they were recorded.
-        n_copies: episodes observed together; the result does not depend on it.
-        progress: whether to show a bar.
+    Episodes of similar length run side by side, at most `n_copies`, so that few copies wait for
+    others to end. The result does not depend on their number.
     """
     n_copies = max(1, min(n_copies, len(episodes.lengths)))
     reobserver = _Reobserver(Observer(task, n_copies), episodes, n_copies, task.spec.n_agents)
@@ -272,14 +246,7 @@ def _spread(
 
 
 class _Reobserver:
-    """Feeds recorded rows to an observer, one time step of all copies after the other.
-
-    Args:
-        observer: of `n_copies` copies.
-        episodes: those whose rows have the shapes of all that are observed.
-        n_copies: E.
-        n_agents: N.
-    """
+    """Feeds recorded rows to an observer of E copies, one step of all of them after the other."""
 
     def __init__(
         self,
@@ -302,11 +269,7 @@ class _Reobserver:
         )
 
     def observe(self, recorded: RecordedEpisodes) -> dict[str, NDArray[Any]]:
-        """Observes at most E episodes, longest first, from beginning to end.
-
-        Returns:
-            `OBSERVED_ARRAYS`, with a row for each of their states.
-        """
+        """Observes at most E episodes, longest first: `OBSERVED_ARRAYS`, a row for each state."""
         # not zeroed: every row is written
         results: dict[str, NDArray[Any]] = {
             name: np.empty((len(recorded.states), *field.shape[1:]), dtype=field.dtype)

@@ -3,7 +3,7 @@
 import hashlib
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -18,8 +18,9 @@ from swarmdata.specs.origins import task_of
 from swarmdata.specs.rules import Rewards, words_of_rewards
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset
-from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.running_moments import train_moments
 from swarmdata.store.arrays.scratch_arrays import new_arrays
+from swarmdata.store.table import team_returns
 from swarmdata.types import Double, Episode, Float, shortened
 
 BLOCK_ROWS = 1 << 16
@@ -37,7 +38,6 @@ class OtherRewards(ABC):
     stored: StoredDataset  # the dataset with these rewards and their returns
 
     def __repr__(self) -> str:
-        """Shows the dataset and what is new."""
         return shortened(f"<{type(self).__name__} of {self.stored!r}: {self.summary}>")
 
     @property
@@ -67,13 +67,8 @@ class OtherRewards(ABC):
     @cached_property
     def moments(self) -> tuple[float, float]:
         """Mean and standard deviation of rewards over the train split."""
-        table, moments = self.stored.table, Moments()
-        for index in np.flatnonzero(table.split == 0).tolist():
-            first = int(table.starts[index])
-            rows = self.stored.arrays["rewards"][first : first + int(table.lengths[index])]
-            moments.add(rows.reshape(-1, 1))
-        (mean,), (std,) = moments.result()
-        return mean, std
+        (mean,), (std,) = train_moments(self.stored, "rewards")
+        return float(mean), float(std)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -120,13 +115,9 @@ class Relabeling(OtherRewards):
 
 
 def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
-    """Computes the rewards of a whole dataset from its terms.
+    """Computes the rewards of a whole dataset from its terms, with these weights of all of them.
 
     They have 4 N bytes per step: in memory if they are few, else in a file of `new_arrays`.
-
-    Args:
-        recorded: the open files, with any observations.
-        weights: of all terms, and the team's share.
 
     Raises:
         SchemaError: the dataset has no terms of rewards.
@@ -149,14 +140,9 @@ def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
 def relabel(
     recorded: StoredDataset, episodes: Iterable[Episode], function: RewardFunction
 ) -> Relabeling:
-    """Computes the rewards of a whole dataset by a function.
+    """Computes the rewards of a whole dataset by a function of its episodes, in stored order.
 
     They have 4 N bytes per step, as those of `reweight`.
-
-    Args:
-        recorded: the open files, with any observations.
-        episodes: all of them in stored order.
-        function: of one episode.
 
     Raises:
         SchemaError: the function gives no finite rewards of each robot in each step.
@@ -194,16 +180,9 @@ def _problem(found: ArrayLike, shape: tuple[int, ...]) -> str | None:
 
 def _rewarded(recorded: StoredDataset, rewards: Float) -> StoredDataset:
     """The dataset with other rewards and their returns."""
-    table = recorded.table
-    episodes = zip(table.starts.tolist(), (table.starts + table.lengths).tolist(), strict=True)
-    returns = np.array(
-        [rewards[first:end].mean(axis=1, dtype=np.float64).sum() for first, end in episodes]
-    )
+    returns = team_returns(recorded.table, rewards)
     release_pages(rewards)
-    returns.setflags(write=False)
-    arrays = {**recorded.arrays, "rewards": rewards, "episodes/team_return": returns}
-    table = replace(table, team_return=returns)
-    return replace(recorded, arrays=arrays, table=table)
+    return recorded.with_arrays({"rewards": rewards, "episodes/team_return": returns})
 
 
 def _computed(terms: Float, weights: Double, team_share: float, task: TaskSpec) -> Float:

@@ -79,34 +79,10 @@ class Rows:
         return np.clip(steps, start, end - 1), (steps >= start) & (steps < end)
 
 
-def gather_transitions(
-    arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int, wanted: Wanted = None
-) -> Batch:
-    """Returns the transitions at `index`, fields [*index.shape, ...].
-
-    Args:
-        arrays: the stored arrays.
-        rows: where episodes lie.
-        index: rows of the arrays with T rows, int64, any shape.
-        wanted: fields to read.
-
-    Raises:
-        IndexError: an index outside the dataset.
-    """
-    _refuse_negative(index)
-    return _gather(arrays, rows, index, np.ones(index.shape, dtype=np.bool_), wanted)
-
-
 def copy_transitions(
     arrays: Mapping[str, NDArray[Any]], table: EpisodeTable, selection: Int
 ) -> dict[str, NDArray[Any]]:
-    """Copies all transitions of some episodes, episode after episode, without their numbers.
-
-    Args:
-        arrays: the stored arrays.
-        table: all stored episodes.
-        selection: stored episodes, [n].
-    """
+    """Copies all transitions of the selected episodes, [n], one episode after the other."""
     rows = Rows.locate(table, selection)
     steps, states = rows.valid, rows.valid + rows.episode.take(rows.valid)
     of_states = ("observations", "states")
@@ -121,52 +97,10 @@ def copy_transitions(
     return copied | later | ({} if costs is None else {"costs": costs})
 
 
-def gather_windows(
-    arrays: Mapping[str, NDArray[Any]],
-    rows: Rows,
-    index: Int,
-    horizon: int,
-    burn_in: int | None = None,
-    wanted: Wanted = None,
-) -> Batch:
-    """Returns the steps of `Rows.window`, fields [*index.shape, L, ...].
-
-    A window ends with its episode, and does not begin before it: outside, `mask` is False and every
-    field zero.
-
-    Args:
-        arrays: the stored arrays.
-        rows: where episodes lie.
-        index: rows that choose the windows, int64, any shape.
-        horizon: steps in a window.
-        burn_in: None, or steps before a segment.
-        wanted: fields to read.
-
-    Raises:
-        IndexError: an index outside the dataset.
-    """
-    _refuse_negative(index)
-    steps, mask = rows.window(index, horizon, burn_in)
-    batch = _gather(arrays, rows, steps, mask, wanted)
-    padding = np.nonzero(~mask)
-    if len(padding[0]):
-        for field in fields(batch):
-            values = getattr(batch, field.name)
-            if field.name != "mask" and values is not None:
-                values[padding] = 0
-    return batch
-
-
-def _refuse_negative(index: Int) -> None:
-    """NumPy would count a negative index from the end, and mismatch steps and states."""
-    if index.size and index.min() < 0:
-        raise IndexError(f"index {index.min()} is negative, expected rows of the dataset")
-
-
 def _gather(
     arrays: Mapping[str, NDArray[Any]], rows: Rows, index: Int, mask: Bool, wanted: Wanted
 ) -> Batch:
-    """Gathers the wanted fields of steps `index`."""
+    """Gathers the wanted fields of the rows `index`, of any shape, of the arrays with T rows."""
     episode = rows.episode.take(index)
     states = index + episode
 
@@ -202,6 +136,15 @@ def _gather(
     )
 
 
+def _blank_padding(batch: Batch) -> None:
+    """Makes every field zero outside of the episodes, where the mask is False."""
+    padding = np.nonzero(~batch.mask)
+    for field in fields(batch):
+        values = getattr(batch, field.name)
+        if field.name != "mask" and values is not None:
+            values[padding] = 0
+
+
 def _next_actions(actions: NDArray[Any], rows: Rows, index: Int) -> NDArray[Any]:
     """The actions of the steps after `index`."""
     last = rows.ends.take(rows.episode.take(index)) - 1
@@ -218,12 +161,7 @@ class SampledView(Protocol):
 
 
 class BatchStream(ABC):
-    """An endless stream of batches, each a pure function of the seed and its number.
-
-    Args:
-        batch_size: transitions or windows in a batch, B.
-        seed: of the stream, 0 to 2**64 - 1.
-    """
+    """An endless stream of batches of B transitions or windows; the seed is below 2**64."""
 
     def __init__(self, batch_size: int, seed: int) -> None:
         self.batch_size, self.seed = batch_size, seed
@@ -251,11 +189,9 @@ class BatchStream(ABC):
         return max(1, N_DRAWN_AHEAD // self.batch_size)
 
     def __iter__(self) -> Self:
-        """Returns the stream itself; it never ends."""
         return self
 
     def __next__(self) -> Batch:
-        """Draws and gathers the next batch."""
         return self.gather(self.draw())
 
     def draw(self) -> Int:
@@ -301,11 +237,9 @@ class RowSampler(BatchStream):
 
     @abstractmethod
     def pick(self, places: Double, n_before: int) -> Int:
-        """Returns the rows at places among the transitions that can be drawn.
+        """Returns the rows at places in [0, 1) among the transitions that can be drawn, any shape.
 
-        Args:
-            places: in [0, 1), any shape.
-            n_before: rows that were drawn before, by which the window of a stream has moved.
+        `n_before` rows were drawn before, by which the window of a stream has moved.
         """
 
     @abstractmethod
@@ -379,7 +313,6 @@ class Sampler(RowSampler):
         return {name: getattr(self, name) for name in names}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        """Samples the view in this process."""
         if (view := state["_view"]) is not None:
             names = ("batch_size", "horizon", "burn_in", "seed")
             fresh = view.sampler(**{name: state[name] for name in names})
@@ -387,7 +320,6 @@ class Sampler(RowSampler):
         self.__dict__.update(state)
 
     def __repr__(self) -> str:
-        """Shows the settings."""
         return (
             f"Sampler({len(self.rows.valid)} transitions, batch_size={self.batch_size}, "
             f"horizon={self.horizon}, seed={self.seed}, n_drawn={self._n_drawn})"
@@ -397,7 +329,6 @@ class Sampler(RowSampler):
         return self._arrays[name].dtype
 
     def pick(self, places: Double, n_before: int = 0) -> Int:
-        """Returns the rows at places among all transitions; all are drawn from at any time."""
         return take_at(self.rows.valid, places)
 
     def gather(self, index: Int, wanted: Wanted = None) -> Batch:
@@ -412,28 +343,24 @@ class Sampler(RowSampler):
             IndexError: an index outside the dataset.
             SchemaError: actions that are to be scaled lie outside their bounds.
         """
+        if index.size and index.min() < 0:  # NumPy would count it from the end
+            raise IndexError(f"index {index.min()} is negative, expected rows of the dataset")
         if self.horizon is None:
-            batch = gather_transitions(self._arrays, self.rows, index, wanted)
+            steps, mask = index, np.ones(index.shape, dtype=np.bool_)
         else:
-            window = self.horizon, self.burn_in
-            batch = gather_windows(self._arrays, self.rows, index, *window, wanted)
+            steps, mask = self.rows.window(index, self.horizon, self.burn_in)
+        batch = _gather(self._arrays, self.rows, steps, mask, wanted)
+        if not mask.all():
+            _blank_padding(batch)
         if self._scale is None:
             return batch
-        steps, last = self._steps(index)
-        next_steps, has_next = np.minimum(steps + 1, last), batch.mask & (steps < last)
+        last = self.rows.ends.take(self.rows.episode.take(steps)) - 1
+        next_steps, has_next = np.minimum(steps + 1, last), mask & (steps < last)
         return replace(
             batch,
-            actions=self._to_unit(batch.actions, steps, batch.mask),
+            actions=self._to_unit(batch.actions, steps, mask),
             next_actions=self._to_unit(batch.next_actions, next_steps, has_next),
         )
-
-    def _steps(self, index: Int) -> tuple[Int, Int]:
-        """Rows of the actions of a batch, [...] or [..., L], and of their episodes' last ones."""
-        last = self.rows.ends.take(self.rows.episode.take(index)) - 1
-        if self.horizon is None:
-            return index, last
-        steps, _ = self.rows.window(index, self.horizon, self.burn_in)
-        return steps, np.broadcast_to(last[..., None], steps.shape)
 
     def _to_unit(self, actions: Float | None, steps: Int, mask: Bool) -> Float | None:
         """Scales the actions of some steps, [..., N, A]; those of absent agents become 0."""

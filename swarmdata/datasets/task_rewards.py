@@ -17,7 +17,7 @@ N_ROWS = 1000
 
 
 def has_task_rewards(stored: StoredDataset) -> bool:
-    """Whether the first rewards are their terms times the weights of the spec."""
+    """Applies `are_of_task` to a stored dataset."""
     return are_of_task(stored.recipe, stored.arrays, stored.arrays.__getitem__)
 
 
@@ -25,11 +25,7 @@ def are_of_task(origin: Origin, names: Container[str], rows: Callable[[str], Flo
     """Whether the first rewards are their terms times the weights of the spec.
 
     Those of a recipe are. Without recorded terms nothing can be compared, and the answer is yes.
-
-    Args:
-        origin: what the dataset was made from.
-        names: of its arrays.
-        rows: an array from its first joint step on.
+    `names` are those of all arrays; `rows` gives one from its first joint step on.
     """
     task = origin.spec.world
     if origin.recipe is not None or task is None or "reward_terms" not in names:

@@ -27,7 +27,6 @@ class TorchBatches(IterableDataset[Batch]):
         self._view, self._options = view, options
 
     def __iter__(self) -> Iterator[Batch]:
-        """Yields this process's share of the batches, without end."""
         worker = get_worker_info()
         first, n_workers = (0, 1) if worker is None else (worker.id, worker.num_workers)
         sampler = self._view.sampler(**self._options)
@@ -39,7 +38,6 @@ class TorchBatches(IterableDataset[Batch]):
             number += 1
 
     def __repr__(self) -> str:
-        """Shows the dataset and the options."""
         return f"<batches of {self._view!r:.200}>"
 
 

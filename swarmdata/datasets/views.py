@@ -296,7 +296,6 @@ class View(TrainingData[R]):
         return int(self._rows.table.lengths[self.selection].sum())
 
     def __len__(self) -> int:
-        """Number of episodes."""
         return len(self.selection)
 
     @overload
@@ -339,11 +338,9 @@ class View(TrainingData[R]):
         )
 
     def __iter__(self) -> Iterator[Episode]:
-        """Yields the episodes in stored order."""
         return map(self._episode, self.selection.tolist())
 
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Yields some arrays of each episode in stored order, and reads no others."""
         for number in self.selection.tolist():
             yield tuple(self._rows.rows(number, name) for name in names)
 

@@ -63,22 +63,15 @@ ACTION_NOISE_STD = 0.1
 
 @dataclass(frozen=True)
 class Tier:
-    """The policies of a tier's datasets.
+    """The policies of a tier's datasets."""
 
-    Attributes:
-        ingredients: registered policies or tiers of the index, in equal shares.
-        seed: of the recipe; it differs from tier to tier, so that tiers share no episode.
-        noise: standard deviation of the action noise of learned policies, and of teams with
-            conventions; if the index records the noise of training, that is used instead.
-        first_only: whether only the first checkpoint of each ingredient is used.
-        families: presets that have this tier.
-    """
-
-    ingredients: tuple[str, ...]
-    seed: int
+    ingredients: tuple[str, ...]  # registered policies or tiers of the index, in equal shares
+    seed: int  # of the recipe; it differs from tier to tier, so that tiers share no episode
     noise: float = ACTION_NOISE_STD
-    first_only: bool = False
-    families: tuple[str, ...] = LEARNED_FAMILIES
+    """Standard deviation of the action noise of learned policies, and of teams with conventions; if
+    the index records the noise of training, that is used instead."""
+    first_only: bool = False  # whether only the first checkpoint of each ingredient is used
+    families: tuple[str, ...] = LEARNED_FAMILIES  # presets that have this tier
 
 
 TIERS = MappingProxyType(
@@ -139,7 +132,7 @@ def sources(
         ingredient: a registered scripted policy, a tier of the index, or `two-conventions`, which
             is the `expert` too where there are conventions.
         noise: standard deviation of the action noise of learned policies, and of teams with
-            conventions; None for that of their training, or the default.
+            conventions; None for that of their training.
         default: standard deviation where the index does not record that of training.
 
     Raises:

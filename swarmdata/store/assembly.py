@@ -74,8 +74,7 @@ def assemble(
         parts: consecutive parts of each policy's stream, by policy index.
         order: the episodes as (policy index, index in that policy's stream), each stream in
             increasing order; see `merge_order`.
-        splits: index into `SPLITS` of each episode; None for those of the recipe's rule. An edit
-            has no rule.
+        splits: index into `SPLITS` of each episode; None for those of the recipe's rule.
         optional: optional arrays of the parts to take; None for all that they have.
         checkpoints: content of the networks to keep with the dataset, by file name.
         consume: whether files of parts are deleted as soon as they are copied, so that the disk
@@ -131,13 +130,7 @@ def write_dataset(
     *,
     progress: bool = False,
 ) -> Manifest:
-    """Writes the finished dataset folder from any source of rows; otherwise as `assemble`.
-
-    Raises:
-        RecipeConflictError: `out` holds a dataset of another recipe.
-        BuildError: `out` holds something else, or no episode falls into the train split.
-        SchemaError: the rows do not fit together.
-    """
+    """Writes the finished dataset folder from any source of rows; otherwise as `assemble`."""
     if not is_vacant(out):
         return _existing(out, recipe)
     shards = {name: _planned(source, name) for name in sorted(source.names)}
@@ -193,16 +186,14 @@ class _Parts:
     consume: bool
 
     def row_shape(self, name: str) -> tuple[int, ...]:
-        """Shape of a row of an array over time."""
         return next(self.blocks(name)).shape[1:]
 
     def dtype(self, name: str) -> DType:
-        """Its dtype; parts of an older version have images as float32."""
+        """Parts of an older version have images as float32."""
         folders = (folder for folders in self.parts.values() for folder in folders)
         return common_dtype(name, (part_dtype(folder, name) for folder in folders))
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
-        """Consecutive rows of an array over time, one block per episode."""
         streams = {
             policy: enumerate(episode_slices(paths, name, consume=self.consume))
             for policy, paths in self.parts.items()
@@ -296,16 +287,7 @@ def _write(
     folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard], kept: Sequence[str],
     progress: bool,
 ) -> Manifest:  # fmt: skip
-    """Writes all arrays and the recipe, and returns the manifest that lists them.
-
-    Args:
-        folder: to write to.
-        recipe: what the dataset is made from.
-        source: of the rows.
-        shards: of the arrays.
-        kept: further files there that the manifest lists.
-        progress: whether to show a bar over the arrays.
-    """
+    """Writes all arrays and the recipe; returns the manifest, which lists `kept` files as well."""
     logical = hashlib.sha256()
     train = source.table.split == SPLITS.index("train")
     if not train.any():
@@ -383,9 +365,7 @@ def provenance(
 ) -> dict[str, str]:
     """Versions and platform that something is made with here; in no digest.
 
-    Args:
-        world: what is simulated, if another simulator than Pymunk may do it.
-        policies: that act in it. The packages of users' tasks and policies are named as well.
+    The packages of users' tasks and policies are named as well; `world` is what is simulated.
     """
     own = {f"policy {each.name}": package_of("policies", each.name) for each in policies}
     if world is not None:

@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,21 +47,14 @@ class Damage:
     rows: tuple[int, int] | None = None  # of that chunk, both included
 
     def __str__(self) -> str:
-        """One line, without the folder."""
         return f"{self.file}: {self.problem}"
 
 
 def find_damage(path: Path) -> tuple[Damage, ...]:
-    """Reads every byte of a dataset and lists every broken file.
+    """Reads every byte of a dataset and lists every broken file, in the order of their names.
 
     Without a sound manifest there is nothing to hold the other files against, so only the manifest
     is listed. The card is in no digest and is not looked at.
-
-    Args:
-        path: the dataset's folder.
-
-    Returns:
-        Damage in the order of the file names, empty if all is well.
 
     Raises:
         DatasetNotFoundError: there is no such folder, or it is no dataset.
@@ -159,11 +152,7 @@ def _contradictions(path: Path, manifest: Manifest) -> list[Damage]:
 
 
 def check_everything(path: Path, manifest: Manifest, raw: Mapping[str, NDArray[np.uint8]]) -> None:
-    """Checks the SHA-256 of every file, and the logical digest of all arrays.
-
-    Raises:
-        ChecksumError: naming the file, or the digests.
-    """
+    """Checks the SHA-256 of every file, and the logical digest of all arrays (ChecksumError)."""
     for name in sorted(manifest.files):
         if file_digest(path / name) != manifest.files[name].sha256:
             raise file_changed(path, name)
@@ -181,14 +170,9 @@ def logical_digest(manifest: Manifest, raw: Mapping[str, NDArray[Any]]) -> str:
     for name in sorted(manifest.arrays):
         entry = manifest.arrays[name]
         logical.update(logical_header(name, entry.dtype, entry.shape))
-        for block in byte_blocks(raw[name][: manifest.plan[name].shard.nbytes]):
+        values = raw[name][: manifest.plan[name].shard.nbytes]
+        for first in range(0, len(values), BLOCK_BYTES):
+            block = values[first : first + BLOCK_BYTES]
             logical.update(block.data)
+            release_pages(block)
     return logical.hexdigest()
-
-
-def byte_blocks(values: NDArray[Any]) -> Iterator[NDArray[Any]]:
-    """Yields consecutive blocks of bytes, and gives the pages of each back."""
-    for first in range(0, len(values), BLOCK_BYTES):
-        block = values[first : first + BLOCK_BYTES]
-        yield block
-        release_pages(block)

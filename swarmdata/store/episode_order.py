@@ -27,14 +27,10 @@ class MergeOrder:
 
 
 def merge_order(recipe: Recipe, lengths: Sequence[Sequence[int] | Int]) -> MergeOrder:
-    """Merges the policies' streams until the recipe's steps are reached.
+    """Merges streams of episodes of these lengths until the recipe's steps are reached.
 
     The next episode is always that of the policy that lags most behind its share of the steps
     taken so far; ties go to the lowest index. Shares are compared as exact rationals.
-
-    Args:
-        recipe: the recipe.
-        lengths: joint steps of the episodes available, one sequence per policy, in stream order.
 
     Raises:
         SchemaError: not one sequence per policy, or an episode without steps.

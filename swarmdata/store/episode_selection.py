@@ -61,7 +61,6 @@ class Selection:
     pieces: Sequence[Piece]
 
     def __post_init__(self) -> None:
-        """Checks that rows of all pieces fit into one array."""
         first = self.pieces[0].stored
         for piece in self.pieces[1:]:
             other = piece.stored
@@ -78,12 +77,10 @@ class Selection:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Arrays that all pieces have."""
         return tuple(name for name in self.pieces[0].stored.arrays if name in ALL_FIELDS)
 
     @cached_property
     def table(self) -> EpisodeTable:
-        """The episodes, in the order of the new dataset."""
         tables = [piece.table.columns() for piece in self.pieces]
         joined = {name: np.concatenate([each[name] for each in tables]) for name in tables[0]}
         lengths, policy = joined["lengths"], joined["policy"]
@@ -94,13 +91,11 @@ class Selection:
         return EpisodeTable(**{**joined, **renewed})
 
     def row_shape(self, name: str) -> tuple[int, ...]:
-        """Shape of a row of an array over time."""
         return self.pieces[0].stored.arrays[name].shape[1:]
 
     def dtype(self, name: str) -> DType:
-        """Its dtype; images that another version recorded are float32."""
+        """Images that another version recorded are float32."""
         return common_dtype(name, (str(each.stored.arrays[name].dtype) for each in self.pieces))
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
-        """Consecutive rows of an array over time, one block per episode."""
         return chain.from_iterable(piece.blocks(name) for piece in self.pieces)

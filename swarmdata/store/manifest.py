@@ -76,7 +76,6 @@ class _Section(BaseModel):
     )
 
     def __repr__(self) -> str:
-        """Shows the first and the last fields."""
         return shortened(super().__repr__())
 
 
@@ -285,11 +284,7 @@ class MadeFrom(NamedTuple):
 
 
 def check_recipe(folder: Path, manifest: Manifest, expected: MadeFrom) -> None:
-    """Checks that a dataset was made from a recipe.
-
-    Raises:
-        RecipeConflictError: it was made from another one.
-    """
+    """Raises RecipeConflictError if a dataset was made from another recipe."""
     if manifest.recipe_hash != expected.hash:
         raise RecipeConflictError(
             f"{folder} holds {manifest.id} made from another recipe "

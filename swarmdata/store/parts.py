@@ -19,14 +19,10 @@ _CONSUMED = "consumed"
 
 
 def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
-    """Writes consecutive episodes of one policy's stream as one part.
+    """Writes consecutive episodes of one policy's stream as one part, in one rename.
 
     A part that exists is left as it is: a part is a pure function of the recipe, so whoever wrote
     it first wrote the same.
-
-    Args:
-        folder: where the part appears, in one rename, once it is on the disk.
-        episodes: at least one; all of one policy and of one task.
 
     Raises:
         SchemaError: no episodes, several policies, or arrays that do not fit together.
@@ -123,10 +119,7 @@ def episode_slices(
 ) -> Iterator[NDArray[Any]]:
     """Yields one field of each episode of consecutive parts, holding one part open at a time.
 
-    Args:
-        parts: folders of consecutive parts.
-        field: name of the array.
-        consume: whether a part's file of the field is deleted once the next part is asked for.
+    With `consume`, a part's file of the field is deleted once the next part is asked for.
     """
     extra = ALL_FIELDS[field].rows == "states"
     for folder in parts:

@@ -13,15 +13,11 @@ SCRATCH_PREFIX = ".swarmdata-"
 
 
 def scratch_folder(path: Path, purpose: str) -> Path:
-    """Where one kind of work on a dataset's folder keeps what is not finished, beside the folder.
+    """Where work such as `repair` keeps what is not finished, beside a dataset's folder.
 
     The name ends with a digest of itself, by which it is ours: a folder of the user's, such as
     `<path>.repair`, is never taken for it. It is the same in every process, so that the next one
     goes on where a killed one stopped.
-
-    Args:
-        path: the dataset's folder, which need not exist.
-        purpose: what the work is, such as `repair`.
 
     Raises:
         DatasetError: there is a symbolic link, which is not followed.

@@ -95,7 +95,6 @@ class StoredDataset:
         return replace(self, arrays=arrays, table=replace(self.table, **columns))
 
     def __repr__(self) -> str:
-        """Shows identity and size."""
         table = f"{len(self.table):,} episodes, {self.manifest.n_steps:,} steps"
         arrays = f"{len(self.arrays)} arrays"
         return shortened(f"<StoredDataset {self.manifest.id}: {table}, {arrays}, at {self.path}>")
@@ -143,21 +142,14 @@ def open_store(
         from swarmdata.store.damage import check_everything  # noqa: PLC0415
 
         check_everything(path, manifest, raw)
-    arrays = typed_arrays(manifest, raw)
+    arrays = {
+        name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
+        for name, (shard, *_) in manifest.plan.items()
+    }
     origin = read_origin(path, manifest, small_files[RECIPE])
     check_spec(path, manifest, origin, widths=widths)
     table = read_table(path, manifest, origin, arrays)
     return StoredDataset(path, manifest, origin, arrays, table)
-
-
-def typed_arrays(
-    manifest: Manifest, raw: Mapping[str, NDArray[np.uint8]]
-) -> dict[str, NDArray[Any]]:
-    """The arrays in their chunks, by name."""
-    return {
-        name: raw[name][: shard.nbytes].view(np.dtype(shard.dtype)).reshape(shard.shape)
-        for name, (shard, *_) in manifest.plan.items()
-    }
 
 
 def _is_computed(array: NDArray[Any]) -> bool:
@@ -169,12 +161,7 @@ def _is_computed(array: NDArray[Any]) -> bool:
 
 
 def reopen_store(path: Path, digest: str, computed: Mapping[str, NDArray[Any]]) -> StoredDataset:
-    """Opens a dataset that another process has verified.
-
-    Args:
-        path: the folder.
-        digest: that the dataset had there.
-        computed: arrays that are in no file of it, by name.
+    """Opens a dataset that another process has verified, with arrays that are in no file of it.
 
     Raises:
         ChecksumError: another dataset is there now.
@@ -208,11 +195,7 @@ def blocking_links(path: Path) -> tuple[str, ...]:
 
 
 def check_listing(path: Path, manifest: Manifest) -> None:
-    """Checks that what the manifest lists can be a dataset; no other file is looked at.
-
-    Raises:
-        ManifestError: naming what contradicts what.
-    """
+    """Checks that what the manifest lists can be a dataset (ManifestError); reads no other file."""
     _check_arrays(path, manifest)
     _check_files(path, manifest)
 
@@ -345,10 +328,7 @@ def shape_contradictions(
 ) -> tuple[str, ...]:
     """A sentence for each array whose shape contradicts the dataset's spec.
 
-    Args:
-        origin: of the dataset. What is not a recipe may lack some arrays.
-        shapes: whole shapes by the name of the array.
-        widths: as of `task_row_shapes`.
+    What is not a recipe may lack some arrays; `widths` is as of `task_row_shapes`.
     """
     problems, world = [], origin.spec.world
     if origin.missing is not None:

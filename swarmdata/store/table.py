@@ -59,11 +59,9 @@ class EpisodeTable:
     obstacle_collisions: Int  # [n] contacts with obstacles or walls that began
 
     def __len__(self) -> int:
-        """Number of episodes."""
         return len(self.starts)
 
     def __repr__(self) -> str:
-        """Shows the columns, not the values."""
         names = ", ".join(field.name for field in fields(self))
         return f"EpisodeTable({len(self)} episodes: {names})"
 
@@ -96,7 +94,6 @@ class EpisodeTable:
         )
 
     def __iter__(self) -> Iterator[EpisodeRow]:
-        """Yields the rows."""
         return (self[index] for index in range(len(self)))
 
     def to_pandas(self) -> Any:
@@ -150,7 +147,6 @@ class PartTable:
     rows: NDArray[np.void]  # [n], columns PART_COLUMNS
 
     def __len__(self) -> int:
-        """Number of episodes."""
         return len(self.rows)
 
     @property
@@ -162,11 +158,6 @@ class PartTable:
     def seeds(self) -> Seeds:
         """Seed of each episode, [n]."""
         return self.rows["seed"]
-
-    @property
-    def team_returns(self) -> Double:
-        """Team return of each episode, [n]."""
-        return self.rows["team_return"]
 
     @property
     def n_steps(self) -> int:
@@ -199,6 +190,16 @@ def measure(episode: Episode) -> tuple[int, int, int, int, float, int, int]:
 def table_columns(table: EpisodeTable) -> Mapping[str, NDArray[Any]]:
     """The columns by array name, `episodes/...`."""
     return {f"episodes/{name}": column for name, column in table.columns().items()}
+
+
+def team_returns(table: EpisodeTable, rewards: Float) -> Double:
+    """Sums over each episode of the mean reward over agents, [n], read-only, of rewards [T, N]."""
+    episodes = zip(table.starts.tolist(), (table.starts + table.lengths).tolist(), strict=True)
+    returns = np.array(
+        [rewards[first:end].mean(axis=1, dtype=np.float64).sum() for first, end in episodes]
+    )
+    returns.setflags(write=False)
+    return returns
 
 
 def clean_successes(table: EpisodeTable) -> Bool:

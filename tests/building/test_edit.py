@@ -27,12 +27,10 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.assembly import assemble
-from swarmdata.store.episode_order import merge_order
-from swarmdata.store.parts import write_part
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
 from swarmdata.types import Episode
+from tests.support.made_episodes import stored
 from tests.support.tiny import abandoned
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 5, 5, 3, 8], [5, 5, 1, 8, 1, 1, 3, 2, 6, 4, 7, 2]]
@@ -40,19 +38,11 @@ LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 5, 5, 3, 8], [5, 5, 1, 8, 1, 1, 3, 2, 6, 4, 
 
 def make(folder: Path, first_seed: int = 0, **recipe: object) -> Dataset:
     """Twelve episodes of each of two policies, with consecutive seeds."""
-    seeds = [range(first_seed + 12 * p, first_seed + 12 * p + 12) for p in range(2)]
-    parts = {}
-    for policy in range(2):
-        parts[policy] = [folder.parent / f"{folder.name}-part-{policy}"]
-        lengths = LENGTHS[policy]
-        write_part(
-            parts[policy][0],
-            [make_episode(n, s, policy) for n, s in zip(lengths, seeds[policy], strict=True)],
-        )
-    origin = make_recipe(40, n_policies=2).model_copy(update=recipe)
-    order = merge_order(origin, LENGTHS).order
-    assemble(folder, recipe=origin, parts=parts, order=order)
-    return Dataset.open(folder)
+    streams = [
+        [make_episode(n, first_seed + 12 * p + k, p) for k, n in enumerate(LENGTHS[p])]
+        for p in range(2)
+    ]
+    return stored(folder, make_recipe(40, n_policies=2).model_copy(update=recipe), streams)
 
 
 @pytest.fixture(scope="module")

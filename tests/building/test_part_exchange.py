@@ -7,7 +7,6 @@ from pathlib import Path
 import fsspec
 import pytest
 
-from swarmdata.building.build import build
 from swarmdata.building.part_exchange import PartExchange
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.building.shares import finish_parts, make_share, receive_parts
@@ -17,18 +16,11 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.store import read_manifest
+from tests.building.conftest import SMALL
 from tests.support.at_once import run_at_once
 from tests.support.command_line import run
-from tests.support.tiny import TINY
 
-SMALL = TINY.model_copy(update={"part_episodes": 2})
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, one_process: None) -> str:
-    """Digest of the dataset that is built at once."""
-    out = build(SMALL, tmp_path_factory.mktemp("whole") / SMALL.id, progress=False)
-    return read_manifest(out).digest
+pytestmark = pytest.mark.usefixtures("one_process")
 
 
 @pytest.fixture
@@ -50,7 +42,7 @@ def folder(folder: Path) -> Remote:
 @pytest.mark.slow
 @pytest.mark.parametrize("make_remote", [folder, bucket])
 def test_machines_that_share_a_remote_make_the_dataset(
-    make_remote: Callable[[Path], Remote], tmp_path: Path, whole: str
+    make_remote: Callable[[Path], Remote], tmp_path: Path, tiny_digest: str
 ) -> None:
     remote = make_remote(tmp_path)
     made = [make_share(SMALL, tmp_path / f"{k}" / "d", k, 2, remote=remote) for k in (2, 1)]
@@ -59,14 +51,14 @@ def test_machines_that_share_a_remote_make_the_dataset(
     out = tmp_path / "last" / "d"
     assert receive_parts(SMALL, out, remote) == sum(map(len, made))
     assert receive_parts(SMALL, out, remote) == 0
-    assert read_manifest(finish_parts(SMALL, out, progress=False)).digest == whole
+    assert read_manifest(finish_parts(SMALL, out, progress=False)).digest == tiny_digest
     assert receive_parts(SMALL, out, remote) == 0
     assert not (tmp_path / "last" / "d.build").exists()
 
 
 @pytest.mark.slow
 def test_a_machine_goes_on_where_another_one_died(
-    shelf: FolderRemote, tmp_path: Path, whole: str
+    shelf: FolderRemote, tmp_path: Path, tiny_digest: str
 ) -> None:
     first = tmp_path / "first" / "d"
     made = make_share(SMALL, first, 1, 1, remote=shelf)
@@ -80,7 +72,7 @@ def test_a_machine_goes_on_where_another_one_died(
     sent[-1].unlink()
     assert make_share(SMALL, first, 1, 1, remote=shelf) == []
     assert sorted(box.iterdir()) == sent, "what is here is sent again"
-    assert read_manifest(finish_parts(SMALL, second, progress=False)).digest == whole
+    assert read_manifest(finish_parts(SMALL, second, progress=False)).digest == tiny_digest
 
 
 def test_a_damaged_part_is_not_taken(shelf: FolderRemote, tmp_path: Path) -> None:
@@ -120,7 +112,7 @@ def test_a_remote_of_whole_datasets_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_commands_on_machines_without_a_shared_folder(tmp_path: Path, whole: str) -> None:
+def test_commands_on_machines_without_a_shared_folder(tmp_path: Path, tiny_digest: str) -> None:
     recipe = tmp_path / "recipe.json"
     recipe.write_text(SMALL.to_json())
     (tmp_path / "shelf").mkdir()
@@ -131,4 +123,4 @@ def test_commands_on_machines_without_a_shared_folder(tmp_path: Path, whole: str
 
     run_at_once(line("a", "--part", "1/2"), line("b", "--part", "2/2"), line("c", "--part", "2/2"))
     result = run(*map(str, line("d", "--finish")))
-    assert whole in result
+    assert tiny_digest in result

@@ -11,42 +11,35 @@ from swarmdata.building.shares import finish_parts, make_share
 from swarmdata.errors import BuildError, SpecError
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import read_manifest
-from tests.support.tiny import TINY
+from tests.building.conftest import SMALL
 
-SMALL = TINY.model_copy(update={"part_episodes": 2})
-
-
-@pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory, one_process: None) -> str:
-    """Digest of the dataset that is built at once."""
-    out = build(SMALL, tmp_path_factory.mktemp("whole") / SMALL.id, progress=False)
-    return read_manifest(out).digest
+pytestmark = pytest.mark.usefixtures("one_process")
 
 
-def test_shares_in_any_order_make_the_dataset(tmp_path: Path, whole: str) -> None:
+def test_shares_in_any_order_make_the_dataset(tmp_path: Path, tiny_digest: str) -> None:
     out = tmp_path / "d"
     made = [make_share(SMALL, out, share, 3) for share in (3, 1, 2)]
     assert all(made)
     assert len({name for names in made for name in names}) == sum(map(len, made))
     assert make_share(SMALL, out, 1, 3) == []  # it is there
-    assert read_manifest(finish_parts(SMALL, out, progress=False)).digest == whole
+    assert read_manifest(finish_parts(SMALL, out, progress=False)).digest == tiny_digest
     assert not build_folder(out).exists()
     assert make_share(SMALL, out, 1, 3) == []
     assert finish_parts(SMALL, out) == out
 
 
-def test_what_shares_leave_out_is_made_at_the_end(tmp_path: Path, whole: str) -> None:
+def test_what_shares_leave_out_is_made_at_the_end(tmp_path: Path, tiny_digest: str) -> None:
     out = tmp_path / "d"
     with pytest.raises(BuildError, match=r"has parts of 0 joint steps .* not enough for"):
         finish_parts(SMALL, out)
     make_share(SMALL, out, 2, 2)
     with pytest.raises(BuildError, match="Run all shares to their end; or leave out --finish"):
         finish_parts(SMALL, out)
-    assert read_manifest(build(SMALL, out, progress=False)).digest == whole
+    assert read_manifest(build(SMALL, out, progress=False)).digest == tiny_digest
 
 
 def test_a_part_that_comes_too_late_is_removed(
-    tmp_path: Path, whole: str, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, tiny_digest: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out = tmp_path / "d"
 
@@ -57,7 +50,7 @@ def test_a_part_that_comes_too_late_is_removed(
     monkeypatch.setattr("swarmdata.building.shares.make_part", make_late)
     assert len(make_share(SMALL, out, 1, 2)) == 1
     assert [path.name for path in tmp_path.iterdir()] == ["d"]
-    assert read_manifest(out).digest == whole
+    assert read_manifest(out).digest == tiny_digest
 
 
 @pytest.mark.parametrize("share", [0, 4])

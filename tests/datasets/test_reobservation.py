@@ -27,11 +27,9 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.assembly import assemble
-from swarmdata.store.episode_order import merge_order
 from swarmdata.testing import dataset_contract as contract
-from swarmdata.testing.synthetic import write_streams
 from swarmdata.types import Episode
+from tests.support.made_episodes import stored
 from tests.support.pairs import once_each
 
 OBSERVATIONS = (
@@ -97,19 +95,16 @@ def record(folder: Path, spec: TaskSpec, n: int = 20) -> Dataset:
         [replace(e, policy=k) for e in play(spec, n, label, first=100 * k)]
         for k, label in enumerate(labels)
     ]
-    lengths = [[len(e) for e in stream] for stream in streams]
+    n_steps = min(sum(map(len, stream)) for stream in streams)
     recipe = Recipe(
         id="coop_nav-test-v0",
         tier="test",
         spec=spec,
         policies=tuple(PolicySource(label=label, name=label) for label in labels),
-        n_steps=3 * min(map(sum, lengths)) // 2,
+        n_steps=3 * n_steps // 2,
         splits=Splits(block=4),
     )
-    merge = merge_order(recipe, lengths)
-    parts = write_streams(folder.parent / f"{folder.name}.parts", streams)
-    assemble(folder, recipe=recipe, parts=parts, order=merge.order)
-    return Dataset.open(folder, references=Reference(-10.0, 5.0))
+    return replace(stored(folder, recipe, streams), references=Reference(-10.0, 5.0))
 
 
 @pytest.fixture(scope="module")

@@ -22,10 +22,9 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.assembly import assemble
-from swarmdata.store.episode_order import merge_order
-from swarmdata.testing.synthetic import make_dataset, write_streams
+from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import Episode, Float
+from tests.support.made_episodes import stored
 from tests.support.own_rewards import effort
 from tests.support.pairs import every
 
@@ -48,7 +47,6 @@ def with_weights(spec: TaskSpec, **changes: float) -> TaskSpec:
 
 def record(folder: Path, spec: TaskSpec) -> Dataset:
     episodes = play(spec)
-    parts = write_streams(folder / "parts", [episodes])
     recipe = Recipe(
         id=f"{spec.task}-short-v0",
         tier="some",
@@ -57,9 +55,7 @@ def record(folder: Path, spec: TaskSpec) -> Dataset:
         n_steps=sum(map(len, episodes)),
         splits=Splits(block=5),
     )
-    order = merge_order(recipe, [list(map(len, episodes))]).order
-    assemble(folder / "ds", recipe=recipe, parts=parts, order=order)
-    return Dataset.open(folder / "ds")
+    return stored(folder / "ds", recipe, [episodes])
 
 
 @pytest.fixture(scope="module")

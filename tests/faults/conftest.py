@@ -5,8 +5,10 @@ from tests.hub.remotes.conftest import (  # noqa: F401  # fixtures
     beside,
     clock,
     dataset,
+    host,
     hub,
     impatient,
+    published,
     remote,
     successor,
 )

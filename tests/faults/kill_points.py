@@ -29,7 +29,7 @@ from swarmdata.hub.catalog.sources import Remotes, obtain
 from swarmdata.interop.export import export_dataset
 from swarmdata.store import open_store
 from tests.support.one_process import use_one_process
-from tests.support.tiny import TINY, Shelf, flip, make_tiny
+from tests.support.tiny import TINY, Shelf, contents, flip, make_tiny
 
 CHANGES = frozenset({"os.rename", "os.mkdir", "os.remove", "os.rmdir", "os.truncate"})
 
@@ -83,12 +83,6 @@ def killed_at(k: int, work: Callable[[], None]) -> bool:
     return code != 0
 
 
-def content(folder: Path) -> dict[str, bytes]:
-    """Every file below a folder."""
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
-
-
 def whole_or_absent(root: Path) -> None:
     """What can be seen of a new dataset can be used."""
     if (root / TINY.id).exists():
@@ -100,7 +94,7 @@ def survived(operation: Operation, root: Path, stride: int) -> tuple[int, int]:
     reference = root / "reference"
     operation.prepare(reference)
     assert forked(lambda: operation.run(reference)) == 0
-    expected = content(reference)
+    expected = contents(reference)
     for k, n_kills in zip(range(0, 10**6, stride), range(10**6), strict=False):
         place = root / f"kill-{k}"
         operation.prepare(place)
@@ -108,7 +102,7 @@ def survived(operation: Operation, root: Path, stride: int) -> tuple[int, int]:
             return k, n_kills
         operation.check(place)
         assert forked(lambda place=place: operation.run(place)) == 0, k  # type: ignore[misc]
-        found = content(place)
+        found = contents(place)
         assert found == expected, (k, sorted(found.keys() ^ expected.keys()))
         shutil.rmtree(place)
     raise AssertionError("the operation never ends")
@@ -141,7 +135,7 @@ def operations(root: Path) -> dict[str, Operation]:
         (place / TINY.id / "card.md").unlink()
 
     def others_are_whole(place: Path) -> None:
-        for name, found in content(place / TINY.id).items():
+        for name, found in contents(place / TINY.id).items():
             if name.endswith(("states/c.0.0", "actions/c.0.0.0", "card.md")):
                 continue
             if ".tmp-" not in name:

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from swarmdata.cli.main import app
 from swarmdata.runtime.atomic import TEMPORARY_PREFIX
-from tests.faults.kill_points import content, forked, is_change, killed_at
-from tests.support.tiny import TINY, make_tiny
+from tests.faults.kill_points import forked, is_change, killed_at
+from tests.support.tiny import TINY, contents, make_tiny
 
 PR_SET_CHILD_SUBREAPER = 36
 """Of prctl(2): orphans of killed children become children of this process."""
@@ -75,7 +75,7 @@ def _ignore(result: object) -> None:
     """A child returns nothing."""
 
 
-def same_bytes(command: Words, root: Path) -> dict[str, bytes]:
+def same_bytes(command: Words, root: Path) -> dict[str, bytes | str]:
     """What two undisturbed runs agree in.
 
     Files with measured times and dates differ between any two runs, and are not compared.
@@ -85,7 +85,7 @@ def same_bytes(command: Words, root: Path) -> dict[str, bytes]:
         place = root / name / "place"
         place.mkdir(parents=True)
         assert forked(lambda place=place: run_command(*command(place))) == 0  # type: ignore[misc]
-        found.append(content(place))
+        found.append(contents(place))
     assert found[0].keys() == found[1].keys()
     return {name: text for name, text in found[0].items() if found[1][name] == text}
 
@@ -136,10 +136,10 @@ def survived(command: Words, root: Path, number: int) -> dict[str, int]:
 
         n_kills += killed_at(n_changes * (2 * index + 1) // (2 * number), work)
         wait_for_orphans()
-        sys.stderr.write(f"kill {n_kills}: {len(content(place))} files are there\n")
+        sys.stderr.write(f"kill {n_kills}: {len(contents(place))} files are there\n")
         assert forked(work) == 0, index
         wait_for_orphans()
-        found = content(place)
+        found = contents(place)
         differing = [name for name, text in expected.items() if found.get(name) != text]
         assert not differing, (index, differing)
         left = list(place.rglob(f"{TEMPORARY_PREFIX}*"))

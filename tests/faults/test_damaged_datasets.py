@@ -91,19 +91,15 @@ def test_missing_file(dataset: Path) -> None:
             (dataset / name).unlink()
 
 
-@pytest.mark.parametrize("keep", [0.0, 0.99])
-def test_truncated_file(dataset: Path, keep: float) -> None:
+@pytest.mark.parametrize(
+    "change", [lambda old: b"", lambda old: old[:-1], lambda old: old + b"more"]
+)
+def test_a_file_of_another_length(dataset: Path, change: Callable[[bytes], bytes]) -> None:
     for name in FILES:
-        expected = ManifestError if name == "manifest.json" else TruncatedFileError
+        changed: Any = (ManifestError, ChecksumError)
+        expected = changed if name == "manifest.json" else TruncatedFileError
         with refused(dataset, name, "none", expected, "") as content:
-            (dataset / name).write_bytes(content[: int(keep * len(content))])
-
-
-def test_longer_file(dataset: Path) -> None:
-    with (dataset / array_file("states", 2)).open("ab") as file:
-        file.write(b"more")
-    with pytest.raises(TruncatedFileError, match="expected"):
-        open_store(dataset)
+            (dataset / name).write_bytes(change(content))
 
 
 def test_swapped_files(dataset: Path) -> None:
@@ -181,44 +177,12 @@ def test_newer_keys_of_the_same_format_are_read(dataset: Path) -> None:
     assert open_store(dataset, "full").manifest == read_manifest(dataset)
 
 
+def _copy(table: dict[str, Any], name: str, other: str) -> None:
+    table[other] = table[name]
+
+
 def _set_array(name: str, key: str, value: Any) -> Callable[[dict[str, Any]], None]:
     return lambda content: content["arrays"][name].__setitem__(key, value)
-
-
-def _drop_file(content: dict[str, Any]) -> None:
-    del content["files"]["recipe.json"]
-
-
-def _add_file(content: dict[str, Any]) -> None:
-    content["files"]["../../etc/passwd"] = content["files"]["recipe.json"]
-
-
-def _drop_array(content: dict[str, Any]) -> None:
-    del content["arrays"]["events"]
-
-
-def _climb(content: dict[str, Any]) -> None:
-    content["arrays"]["../../outside"] = content["arrays"]["events"]
-
-
-def _fewer_steps(content: dict[str, Any]) -> None:
-    content["n_steps"] -= 1
-
-
-def _smaller_file(content: dict[str, Any]) -> None:
-    content["files"][array_file("rewards", 2)]["size"] -= 1
-
-
-def _other_recipe(content: dict[str, Any]) -> None:
-    content["recipe_hash"] = "0" * 64
-
-
-def _huge_chunks(content: dict[str, Any]) -> None:
-    content["arrays"]["observations"]["chunk_rows"] = 10**15
-
-
-def _not_a_number(content: dict[str, Any]) -> None:
-    content["statistics"]["reward_std"] = math.nan
 
 
 @pytest.mark.parametrize(
@@ -233,15 +197,15 @@ def _not_a_number(content: dict[str, Any]) -> None:
         _set_array("actions", "chunk_rows", 1),
         _set_array("actions", "checksums", []),
         _set_array("states", "shape", [3]),
-        _drop_file,
-        _add_file,
-        _drop_array,
-        _climb,
-        _fewer_steps,
-        _smaller_file,
-        _other_recipe,
-        _huge_chunks,
-        _not_a_number,
+        _set_array("observations", "chunk_rows", 10**15),
+        lambda content: content["files"].pop("recipe.json"),
+        lambda content: _copy(content["files"], "recipe.json", "../../etc/passwd"),
+        lambda content: content["arrays"].pop("events"),
+        lambda content: _copy(content["arrays"], "events", "../../outside"),
+        lambda content: content.update(n_steps=content["n_steps"] - 1),
+        lambda content: content["files"][array_file("rewards", 2)].update(size=1),
+        lambda content: content.update(recipe_hash="0" * 64),
+        lambda content: content["statistics"].update(reward_std=math.nan),
     ],
 )
 def test_signed_manifest_that_lies(dataset: Path, change: Callable[[dict[str, Any]], None]) -> None:
@@ -285,10 +249,13 @@ def test_signed_episode_table_that_lies(
         ("shape", [10**15, 2, 2]),
         ("zarr_format", 2),
         ("data_type", "int32"),
+        ("data_type", "variable_length_bytes"),
         ("codecs", [{"name": "bytes"}, {"name": "zstd"}]),
+        ("codecs", [{"name": "numcodecs.pickle", "configuration": {}}]),
     ],
 )
 def test_signed_zarr_metadata_that_lies(dataset: Path, key: str, value: Any) -> None:
+    """Nothing is ever decompressed, so there is no bomb; nor unpickled."""
     name = metadata_file("actions")
     content = json.loads((dataset / name).read_bytes())
     (dataset / name).write_text(json.dumps({**content, key: value}))

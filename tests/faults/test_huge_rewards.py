@@ -10,11 +10,9 @@ import pytest
 
 from swarmdata.cards.card import card_of
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import DivergedError, SchemaError
+from swarmdata.errors import DivergedError
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.store.parts import write_part
-from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import Episode, Float
 from tests.interop.conftest import recorded_episodes, write_recording
 
@@ -56,17 +54,6 @@ def test_sums_and_statistics_hold_them(tmp_path: Path, rewards: Rewards) -> None
     export_dataset(dataset, tmp_path / "x.hdf5", format="d4rl")
     again = import_dataset(tmp_path / "x.hdf5", tmp_path / "again", format="d4rl", id=dataset.id)
     np.testing.assert_array_equal(again[3].rewards, dataset[3].rewards)
-
-
-def test_what_float32_does_not_hold_is_refused(tmp_path: Path) -> None:
-    """Row 68: before anything is written."""
-    episode = make_episode(4, seed=3)
-    too_large = episode.rewards.astype(np.float64) + 4e38
-    with np.errstate(over="ignore"), pytest.raises(SchemaError, match="not finite"):
-        write_part(
-            tmp_path / "p", [dataclasses.replace(episode, rewards=too_large.astype(np.float32))]
-        )
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_training_says_that_it_cannot(tmp_path: Path) -> None:

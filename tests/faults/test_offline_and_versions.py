@@ -57,12 +57,11 @@ def load_without_network(*names: str, **variables: str) -> list[str]:
     return out.splitlines()
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("variable", ["SWARMDATA_OFFLINE", *slow("HF_HUB_OFFLINE")])
 def test_offline_a_warm_cache_works_and_a_cold_one_says_what_to_run(
     cache_folder: Path, record: Callable[..., Path], variable: str
 ) -> None:
-    """Row 28: without a single request."""
+    """Row 28: without a single request, which a pinned name needs nowhere."""
     place = cache_folder / "datasets" / "coop_nav-small-v0"
     place.parent.mkdir()
     record(place, TaskSpec(horizon=20), ("random",))
@@ -74,13 +73,6 @@ def test_offline_a_warm_cache_works_and_a_cold_one_says_what_to_run(
     assert "swarmdata pull lab-nowhere --from hf://" in cold
     assert address.startswith("DatasetNotFoundError")
     assert "swarmdata pull hf://lab/run@v1" in address
-
-
-def test_a_pinned_dataset_in_the_cache_needs_no_network(
-    cache_folder: Path, record: Callable[..., Path]
-) -> None:
-    """Row 28: also where nobody said that there is none."""
-    record(cache_folder / "datasets" / "coop_nav-small-v0", TaskSpec(horizon=20), ("random",))
     assert load_without_network("coop_nav-small-v0") == ["cache", "0 requests"]
 
 

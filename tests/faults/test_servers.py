@@ -1,7 +1,7 @@
 """What remotes and the network do to a dataset on its way: nothing lost, nothing half visible."""
 
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,7 +13,6 @@ from swarmdata.errors import (
     HubError,
     VersionTakenError,
 )
-from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release, Remote
@@ -44,16 +43,9 @@ def on_a_hub(hub: LoopbackHub, remote: HubRemote, dataset: Path, beside: Path) -
 
 
 @pytest.fixture
-def on_a_host(dataset: Path, tmp_path: Path, backoff: Backoff, hub: None) -> Iterator[Served]:
-    root = tmp_path / "host"
-    root.mkdir()
-    FolderRemote(f"file://{root}").publish(dataset, ID)
-    with StaticHost(root) as server:
-        yield (
-            server,
-            WebRemote(server.url, backoff=backoff, pace=Pace(10.0, 100.0, 10.0)),
-            Release(ID, f"{server.url}/{ID}"),
-        )
+def on_a_host(host: StaticHost, backoff: Backoff) -> Served:
+    remote = WebRemote(host.url, backoff=backoff, pace=Pace(10.0, 100.0, 10.0))
+    return host, remote, Release(ID, f"{host.url}/{ID}")
 
 
 @pytest.fixture(params=[pytest.param("on_a_hub", marks=pytest.mark.slow), "on_a_host"])

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -36,15 +36,6 @@ def slow_body(pattern: str) -> Fault:
 
 def slow_headers(pattern: str) -> Fault:
     return Fault(pattern, trickle=0.3)
-
-
-@pytest.fixture
-def host(dataset: Path, tmp_path: Path, hub: LoopbackHub) -> Iterator[StaticHost]:
-    root = tmp_path / "host"
-    root.mkdir()
-    FolderRemote(f"file://{root}").publish(dataset, ID)
-    with StaticHost(root) as server:
-        yield server
 
 
 @pytest.fixture

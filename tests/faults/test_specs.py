@@ -90,15 +90,15 @@ def each() -> Iterator[Prober]:
     found.close()
 
 
-def probe(each: Prober, n: int, seed: int) -> Counter[str]:
+def probe(each: Prober, n: int) -> Counter[str]:
     """Tries n mutated specs; fails with all that are neither refused nor worlds."""
     kinds: Counter[str] = Counter()
     broken = []
-    for k, text in enumerate(cases(n, seed)):
+    for k, text in enumerate(cases(n, seed=1)):
         found = each.outcome(text)
         kinds[found.partition(":")[0]] += 1
         if found.startswith("broken"):
-            broken.append(f"case {k} of seed {seed}: {found}\n{text[:3000]}")
+            broken.append(f"case {k}: {found}\n{text[:3000]}")
     assert not broken, f"{len(broken)} of {n}:\n" + "\n\n".join(broken[:20])
     return kinds
 
@@ -349,10 +349,11 @@ def test_hashes_of_everything_published_stay_what_they_are(update_golden: bool) 
         assert Recipe.from_text(recipe.to_json()) == recipe == Recipe.from_text(recipe.to_yaml())
 
 
-def test_mutated_specs_are_refused_or_finite_worlds(each: Prober) -> None:
+@pytest.mark.parametrize("n_mutated", [24, *slow(3_000)])
+def test_mutated_specs_are_refused_or_finite_worlds(each: Prober, n_mutated: int) -> None:
     """Row 53: many presets, each changed in a few places."""
-    kinds = probe(each, 24, seed=1)
-    assert min(kinds["refused"], kinds["world"]) > 3
+    kinds = probe(each, n_mutated)
+    assert min(kinds["refused"], kinds["world"]) > n_mutated // 7
 
 
 @pytest.mark.parametrize("n_mutated", [8, *slow(300)])
@@ -388,10 +389,3 @@ def test_mutated_recipes_recordings_edits_and_studies_are_refused_or_read(n_muta
 
 def _origin(data: Any) -> Frozen:
     return parse_origin(data, "the case")  # type: ignore[return-value]  # every kind is Frozen
-
-
-@pytest.mark.slow
-def test_three_thousand_mutated_specs_are_refused_or_finite_worlds(each: Prober) -> None:
-    """Row 53: the same, many more."""
-    kinds = probe(each, 3_000, seed=2)
-    assert min(kinds["refused"], kinds["world"]) > 500

@@ -77,29 +77,6 @@ def test_a_pickle_in_a_part_is_not_executed(tmp_path: Path, payload: tuple[bytes
     assert not payload[1].exists()
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"zarr_format": 2, "filters": [{"id": "pickle"}], "dtype": "|O"},
-        {"data_type": "variable_length_bytes"},
-        {"codecs": [{"name": "numcodecs.pickle", "configuration": {}}]},
-        {"codecs": [{"name": "bytes"}, {"name": "zstd"}]},
-    ],
-)
-def test_zarr_metadata_that_asks_for_code_or_compression_is_refused(
-    tmp_path: Path, payload: tuple[bytes, Path], change: dict[str, Any]
-) -> None:
-    """Rows 16, 19: nothing is ever decompressed, so there is no bomb; nor unpickled."""
-    make_dataset(tmp_path / "d", [[3] * 10])
-    name = "data.zarr/rewards/zarr.json"
-    content = json.loads((tmp_path / "d" / name).read_bytes())
-    (tmp_path / "d" / name).write_text(json.dumps({**content, **change}))
-    list_again(tmp_path / "d", name)
-    with pytest.raises(ManifestError, match=r"rewards/zarr.json has"):
-        open_store(tmp_path / "d")
-    assert not payload[1].exists()
-
-
 def test_a_bomb_in_place_of_an_array_is_refused_by_its_size(tmp_path: Path) -> None:
     """Row 16: sizes follow from shapes, and are compared before anything is read."""
     make_dataset(tmp_path / "d", [[3] * 10])

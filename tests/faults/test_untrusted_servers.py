@@ -47,43 +47,16 @@ def test_a_card_of_a_remote_is_not_believed(tmp_path: Path, tiny: Path) -> None:
 
 
 def test_a_public_bucket_may_keep_its_list_and_its_cards(
-    dataset: Path, tmp_path: Path, backoff: Backoff, monkeypatch: pytest.MonkeyPatch
+    host: StaticHost, dataset: Path, tmp_path: Path, backoff: Backoff
 ) -> None:
     """Row 79: it answers 403 for what is absent; what the manifest lists is all that is needed."""
-    monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
-    (tmp_path / "host").mkdir()
-    release = FolderRemote(f"file://{tmp_path / 'host'}").publish(dataset, ID)
-    with StaticHost(tmp_path / "host") as server:
-        found = WebRemote(server.url, backoff=backoff)
-        server.faults.append(Fault("card.md|references.json|index.json", 403))
-        there = found.find(ID)
-        assert there is not None
-        assert is_pulled(pull(found, there, tmp_path / ID, progress=False), dataset)
-        with pytest.raises(HubError, match=r"HTTP 403.*for what they lack"):
-            found.ids()
-    assert release.id == there.id
-
-
-@pytest.mark.slow
-def test_a_tag_that_moves_between_listing_and_download(
-    hub: LoopbackHub, remote: HubRemote, dataset: Path, successor: Path, tmp_path: Path
-) -> None:
-    """Row 82: what was found is what arrives."""
-    remote.publish(dataset, ID)
-    fresh = HubRemote("hf://org", backoff=Backoff(attempts=1))
-    release = fresh.find(ID)
-    assert release is not None
-    remote.publish(successor, NEXT)
-    repository = hub.repositories[NAME]
-    repository.tags["v0"] = repository.tags["v1"]
-    assert is_pulled(pull(fresh, release, tmp_path / ID, progress=False), dataset)
-
-    moved = HubRemote("hf://org", backoff=Backoff(attempts=1))
-    release = moved.find(ID)
-    assert release is not None
-    with pytest.raises(HubError, match=f"it is the manifest of {NEXT}"):
-        pull(moved, release, tmp_path / "moved", progress=False)
-    assert not (tmp_path / "moved").exists()
+    found = WebRemote(host.url, backoff=backoff)
+    host.faults.append(Fault("card.md|references.json|index.json", 403))
+    there = found.find(ID)
+    assert there is not None
+    assert is_pulled(pull(found, there, tmp_path / ID, progress=False), dataset)
+    with pytest.raises(HubError, match=r"HTTP 403.*for what they lack"):
+        found.ids()
 
 
 def test_a_history_that_is_rewritten_meanwhile(

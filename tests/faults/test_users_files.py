@@ -33,7 +33,7 @@ from swarmdata.store.arrays.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder
 from tests.support.command_line import run
 from tests.support.pairs import slow
-from tests.support.tiny import TINY, Shelf, abandoned, flip
+from tests.support.tiny import TINY, Shelf, abandoned, contents, flip
 
 STATES = "data.zarr/states/c.0.0"
 RUNNER = CliRunner()
@@ -52,18 +52,6 @@ def dataset(tiny: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(tiny, tmp_path / TINY.id))
 
 
-def seen(folder: Path) -> dict[str, bytes | str]:
-    """Every file with its bytes and every link with its target."""
-    found: dict[str, bytes | str] = {}
-    for path in sorted(folder.rglob("*")):
-        name = str(path.relative_to(folder))
-        if path.is_symlink():
-            found[name] = os.readlink(path)  # noqa: PTH115 (as text)
-        elif path.is_file():
-            found[name] = path.read_bytes()
-    return found
-
-
 def test_a_repair_of_what_is_no_dataset_touches_nothing(tmp_path: Path) -> None:
     """Row 36: links, and files that begin with .tmp-, are the user's."""
     home = tmp_path / "home"
@@ -73,14 +61,14 @@ def test_a_repair_of_what_is_no_dataset_touches_nothing(tmp_path: Path) -> None:
     (home / ".tmp-notes").write_text("mine")
     (home / f".tmp-notes-{'0' * 32}").write_text("mine")
     (home / "recipe.json").write_text(TINY.to_json())
-    before = seen(tmp_path)
+    before = contents(tmp_path)
     with pytest.raises(DatasetNotFoundError, match="nothing that only a dataset"):
         repair(home)
     result = RUNNER.invoke(app, ["verify", str(home), "--repair"])
     assert result.exit_code == 1
     assert "there is no dataset at" in result.stderr
     assert "--repair" not in result.stderr
-    assert seen(tmp_path) == before
+    assert contents(tmp_path) == before
     assert [path.name for path in tmp_path.iterdir()] == ["home"], "not even a lock"
 
 
@@ -96,17 +84,13 @@ def test_no_message_advises_to_repair_or_delete_a_folder_of_somebody(tmp_path: P
 @pytest.mark.parametrize("name", ["", " ", "\t\n"])
 @pytest.mark.parametrize("use", [load, find_folder])
 def test_an_empty_name_is_one_error(use: Callable[[str], object], name: str) -> None:
-    """Row 36: it is not the current folder."""
+    """Row 36: it is not the current folder, nor is an empty path."""
     with pytest.raises(AddressError, match="name of a dataset is"):
         use(name)
+    with pytest.raises(AddressError, match="name of a dataset is"):
+        load("coop_nav-random-mini", path=name)
     result = RUNNER.invoke(app, ["verify", name, "--repair"])
     assert (result.exit_code, "name of a dataset is" in result.stderr) == (1, True)
-
-
-def test_an_empty_path_is_one_error() -> None:
-    """Row 36: nor is that the current folder."""
-    with pytest.raises(AddressError, match="name of a dataset is"):
-        load("coop_nav-random-mini", path="")
 
 
 @pytest.mark.parametrize(
@@ -116,7 +100,7 @@ def test_any_name_of_a_folder_works(
     dataset: Path, monkeypatch: pytest.MonkeyPatch, place: str
 ) -> None:
     """Row 37: relative, with dots and trailing slashes, and through a link."""
-    whole, sub = seen(dataset), dataset / "sub"
+    whole, sub = contents(dataset), dataset / "sub"
     sub.mkdir()
     monkeypatch.chdir(sub if place == ".." else dataset.parent if place == "link" else dataset)
     if place == "link":
@@ -124,7 +108,7 @@ def test_any_name_of_a_folder_works(
     name = place.format(name=TINY.id)
     flip(dataset / STATES, 40)
     run("verify", name, "--repair")
-    assert seen(dataset) == whole
+    assert contents(dataset) == whole
     assert load(name).digest == load(dataset).digest
     for command in (["verify", name], ["card", name], ["audit", name, "--sample", "0"]):
         assert RUNNER.invoke(app, command).exit_code in (0, 1), command
@@ -147,7 +131,7 @@ def test_a_push_of_the_current_folder(
     assert "cannot be pulled to the current folder" in pulled.stderr
     pulled = RUNNER.invoke(app, ["pull", f"{address}/{TINY.id}", "--out", "../here/d/"])
     assert pulled.exit_code == 0, pulled.output
-    assert seen(tmp_path / "here" / "d") == seen(dataset)
+    assert contents(tmp_path / "here" / "d") == contents(dataset)
     monkeypatch.chdir("d")
     assert RUNNER.invoke(app, ["pull", f"{address}/{TINY.id}", "--out", "."]).exit_code == 0
 
@@ -172,7 +156,7 @@ def test_folders_beside_a_dataset_are_the_users(dataset: Path, shelf: Shelf) -> 
         _own(folder / f"{TINY.id}.{kind}")
         _own(folder / f"new.{kind}")
     before = {
-        name: what for name, what in seen(folder).items() if not name.startswith(TINY.id + "/")
+        name: what for name, what in contents(folder).items() if not name.startswith(TINY.id + "/")
     }
     flip(dataset / STATES, 40)
     repair(dataset, remotes=[], progress=False)
@@ -184,18 +168,18 @@ def test_folders_beside_a_dataset_are_the_users(dataset: Path, shelf: Shelf) -> 
     assert release is not None
     pull(shelf, release, folder / "newer", progress=False)
     obtain_release(shelf, release, folder / "newest", progress=False)
-    after = seen(folder)
+    after = contents(folder)
     assert {name: after.get(name) for name in before} == before
 
 
 def test_a_folder_in_the_way_of_a_build_is_named(tmp_path: Path) -> None:
     """Row 38: it is neither used nor removed."""
-    before = seen(_own(tmp_path / "d.build"))
+    before = contents(_own(tmp_path / "d.build"))
     (tmp_path / "d.build" / "recipe.json").unlink()
     before.pop("recipe.json")
     with pytest.raises(BuildError, match=r"d.build is not a folder of parts: .* Move it away"):
         build(TINY, tmp_path / "d", progress=False)
-    assert seen(tmp_path / "d.build") == before
+    assert contents(tmp_path / "d.build") == before
 
 
 def test_parts_go_and_what_somebody_put_beside_them_stays(tmp_path: Path) -> None:
@@ -205,7 +189,7 @@ def test_parts_go_and_what_somebody_put_beside_them_stays(tmp_path: Path) -> Non
     (parts / "recipe.json").write_text(TINY.to_json())
     (parts / "notes").write_text("mine")
     build(TINY, tmp_path / "d", progress=False)
-    assert seen(parts) == {"notes": b"mine"}
+    assert contents(parts) == {"notes": b"mine"}
 
 
 def test_leftovers_are_removed_by_name_and_named(
@@ -234,10 +218,10 @@ def test_a_users_own_links_in_a_dataset_are_left(dataset: Path, tmp_path: Path) 
     assert examine(dataset) == ()
     shutil.move(dataset / "data.zarr" / "states", tmp_path / "states")
     (dataset / "data.zarr" / "states").symlink_to(tmp_path / "states")
-    elsewhere = seen(tmp_path / "states")
+    elsewhere = contents(tmp_path / "states")
     repair(dataset, progress=False)
     assert load(dataset).n_episodes
-    assert seen(tmp_path / "states") == elsewhere
+    assert contents(tmp_path / "states") == elsewhere
     assert (dataset / "notes").is_symlink()
     assert (dataset / "data.zarr" / "plots").is_symlink()
 
@@ -248,10 +232,10 @@ def test_a_folder_where_a_file_belongs_is_left(dataset: Path, name: str) -> None
     (dataset / name).unlink()
     (dataset / name).mkdir()
     (dataset / name / "thesis.txt").write_text("three years of work")
-    before = seen(dataset)
+    before = contents(dataset)
     with pytest.raises(DatasetError, match=r"is a folder, expected a file .* move it away"):
         repair(dataset, progress=False)
-    assert seen(dataset) == before
+    assert contents(dataset) == before
 
 
 def test_a_file_where_a_folder_belongs_is_left(dataset: Path) -> None:
@@ -364,7 +348,7 @@ def test_a_folder_called_replay_is_the_users(tmp_path: Path) -> None:
     (tmp_path / "replay" / "video.mp4").write_bytes(b"mine")
     with pytest.raises(OutputError, match=r"has files in it, such as replay, and is no run"):
         train_online("qmix", "coop_nav", tmp_path, progress=False)
-    assert seen(tmp_path) == {"replay/video.mp4": b"mine"}
+    assert contents(tmp_path) == {"replay/video.mp4": b"mine"}
 
 
 def test_a_film_takes_no_name_of_the_users(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -376,4 +360,4 @@ def test_a_film_takes_no_name_of_the_users(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.setattr(shutil, "which", lambda name: name)
     monkeypatch.setattr(video, "_feed", lambda command, *_: Path(command[-1]).write_bytes(b"film"))
     video.write_mp4([image.new("RGB", (2, 2))], tmp_path / "film.mp4", 0.1)
-    assert seen(tmp_path) == {"film.mp4": b"film", "film.part.mp4": b"mine"}
+    assert contents(tmp_path) == {"film.mp4": b"film", "film.part.mp4": b"mine"}

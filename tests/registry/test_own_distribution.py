@@ -113,7 +113,7 @@ if __name__ == "__main__":
 {body}
 """
 
-QUICK = """
+BODY = """
     import my_swarm.algorithm, my_swarm.policy, my_swarm.task
 
     spec = swarmdata.TaskSpec.from_file(__import__("pathlib").Path("meeting.yaml"))
@@ -124,19 +124,13 @@ QUICK = """
     swarmdata.check_policy(slow, spec, swarmdata.make_env, n_episodes=2, n_steps=4)
     swarmdata.check_algorithm(my_swarm.algorithm.MyBC, n_updates=3)
     assert "slow" in run("evaluate slow idle --task meeting.yaml --episodes 4")
-    run("generate --task meeting.yaml --policy slow --id meeting-slow-v0 --steps 400 --workers 1 "
-        "--out data")
-    assert swarmdata.load("data").task.rules.patience == 5
-    run("train my_bc data --updates 3 --seeds 1 --set hidden=8 --set patience=7 --out runs/mine")
-    assert "mine" in run("evaluate runs/mine --episodes 4")
-    run("push data shelf://box")
-    assert "meeting-slow-v0" in run("remote list shelf://box")
-"""
-
-SLOW = """
     run("generate --task meeting.yaml --policy slow --id meeting-slow-v0 --steps 1200 --workers 1 "
         "--out data")
-    run("train my_bc data --updates 3 --seeds 1 --set hidden=8 --out runs/mine")
+    assert swarmdata.load("data").task.rules.patience == 5
+    run("push data shelf://box")
+    assert "meeting-slow-v0" in run("remote list shelf://box")
+    run("train my_bc data --updates 3 --seeds 1 --set hidden=8 --set patience=7 --out runs/mine")
+    assert "mine" in run("evaluate runs/mine --episodes 4")
     run("render runs/mine --out clip.png")
     run("generate --task meeting.yaml --policy runs/mine --id meeting-mine-v0 --steps 400 "
         "--workers 1 --out mine")
@@ -159,32 +153,24 @@ def install(site: Path) -> None:
     (info / "entry_points.txt").write_text(ENTRY_POINTS)
 
 
-def play(folder: Path, body: str, cache_folder: Path) -> None:
-    install(folder / "site")
-    (folder / "shelf").mkdir()
-    (folder / "meeting.yaml").write_text(TASK)
-    (folder / "study.yaml").write_text(STUDY)
-    script = folder / "script.py"
-    path = [str(folder / "site"), *sys.path]
-    script.write_text(SCRIPT.format(path=path, body=body))
+def test_its_components_take_part_everywhere(tmp_path: Path, cache_folder: Path) -> None:
+    install(tmp_path / "site")
+    (tmp_path / "shelf").mkdir()
+    (tmp_path / "meeting.yaml").write_text(TASK)
+    (tmp_path / "study.yaml").write_text(STUDY)
+    script = tmp_path / "script.py"
+    path = [str(tmp_path / "site"), *sys.path]
+    script.write_text(SCRIPT.format(path=path, body=BODY))
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(path),
-        "MY_SHELF": str(folder / "shelf"),
+        "MY_SHELF": str(tmp_path / "shelf"),
         "SWARMDATA_CACHE": str(cache_folder),
     }
     done = subprocess.run(
-        [sys.executable, str(script)], cwd=folder, env=environment, capture_output=True, text=True,
-        check=False,
+        [sys.executable, str(script)], cwd=tmp_path, env=environment, capture_output=True,
+        text=True, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stdout + done.stderr
-
-
-def test_its_components_act_learn_and_record(tmp_path: Path, cache_folder: Path) -> None:
-    play(tmp_path, QUICK, cache_folder)
     recipe = json.loads((tmp_path / "data" / "recipe.json").read_text())
     assert recipe["spec"]["rules"]["patience"] == 5
-
-
-def test_its_components_take_part_in_sweeps_and_studies(tmp_path: Path, cache_folder: Path) -> None:
-    play(tmp_path, SLOW, cache_folder)

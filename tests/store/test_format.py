@@ -9,7 +9,7 @@ import zarr
 from swarmdata.specs.task_spec import Obstacles
 from swarmdata.store import open_store
 from swarmdata.store.arrays import layout as layout_module
-from swarmdata.store.arrays.layout import FIELDS, array_file, plan_shard
+from swarmdata.store.arrays.layout import array_file, plan_shard
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.assembly import assemble
@@ -32,20 +32,6 @@ LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]]
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Several chunks per array, the last one padded."""
     monkeypatch.setattr(layout_module, "CHUNK_ROWS", 4)
-
-
-@pytest.mark.usefixtures("small_chunks")
-def test_zarr_reads_the_same_bits(tmp_path: Path) -> None:
-    make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
-    stored = open_store(tmp_path / "ds", "full")
-    group = zarr.open_group(tmp_path / "ds" / "data.zarr", mode="r")
-    assert stored.manifest.arrays["observations"].shard.n_chunks > 5
-    for name in FIELDS:
-        array = group[name]
-        assert isinstance(array, zarr.Array)
-        assert array.dtype == stored.arrays[name].dtype
-        assert np.asarray(array[...]).tobytes() == stored.arrays[name].tobytes()
-    assert group.attrs["policies"] == ["tag-0", "tag-1"]
 
 
 def test_zarr_itself_writes_our_bytes(tmp_path: Path) -> None:

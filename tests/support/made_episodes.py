@@ -1,13 +1,20 @@
 """Episodes made of arrays, without messages, events or obstacles, or of the states of others."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.store.assembly import assemble
+from swarmdata.store.episode_order import merge_order
+from swarmdata.testing.synthetic import write_streams
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Episode, Float, no_messages
 
 
@@ -49,6 +56,14 @@ def made_episode(
         policy=policy,
         end_reason=0 if ends else 2,
     )
+
+
+def stored(folder: Path, recipe: Recipe, streams: Sequence[Sequence[Episode]]) -> Dataset:
+    """Writes the dataset of a recipe whose policies made these streams of episodes."""
+    parts = write_streams(folder.parent / f"{folder.name}.parts", streams)
+    order = merge_order(recipe, [[len(each) for each in stream] for stream in streams]).order
+    assemble(folder, recipe=recipe, parts=parts, order=order)
+    return Dataset.open(folder)
 
 
 def cut(episode: Episode, states: Float) -> Episode:

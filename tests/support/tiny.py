@@ -1,6 +1,7 @@
 """A dataset that is built in the test's own process in a moment, and remotes that hold it."""
 
 import json
+import os
 import shutil
 import uuid
 from pathlib import Path
@@ -51,6 +52,17 @@ def flip(path: Path, byte: int, bit: int = 0) -> None:
     content = bytearray(path.read_bytes())
     content[byte] ^= 1 << bit
     path.write_bytes(content)
+
+
+def contents(folder: Path) -> dict[str, bytes | str]:
+    """Every file below a folder with its bytes, and every link with its target."""
+    return {
+        str(path.relative_to(folder)): (
+            os.readlink(path) if path.is_symlink() else path.read_bytes()  # noqa: PTH115 (as text)
+        )
+        for path in sorted(folder.rglob("*"))
+        if path.is_symlink() or path.is_file()
+    }
 
 
 def abandoned(path: Path) -> Path:

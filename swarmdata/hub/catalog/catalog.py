@@ -397,10 +397,7 @@ def references_for(
 ) -> Reference | None:
     """The anchors of a dataset's spec; none if its rewards are not those of its task.
 
-    Args:
-        origin: what the dataset was made from.
-        names: of its arrays.
-        rows: an array from its first joint step on.
+    `names` are those of its arrays; `rows` gives one from its first joint step on.
     """
     known = known_references(origin.spec)
     if known is None or origin.recipe is not None:

@@ -1,7 +1,5 @@
 """Names all damage of a dataset's folder, card included, and replaces only what is broken.
 
-What is named also keeps a dataset from being published.
-
 A broken file is fetched from a remote or made again from the recipe in a scratch folder, compared
 with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is fetched or made
 again; it is believed only where the published digests, or all the other files, agree with it.
@@ -98,16 +96,11 @@ def repair(
 ) -> tuple[Repair, ...]:
     """Replaces the broken files of a dataset and leaves the others as they are.
 
-    Only the files that the manifest lists, the manifest and the card are replaced. Removed, and
-    named on standard error, are temporary files of killed processes and links in the place of a
-    file of the dataset. A folder that is no dataset is not touched. The call may be killed at any
-    time and repeated; no file is ever half replaced.
-
-    Args:
-        path: the dataset's folder.
-        remotes: addresses to fetch from before anything is built.
-        workers: processes that build.
-        progress: whether to show bars.
+    Only the files that the manifest lists, the manifest and the card are replaced; each is fetched
+    from the first of the remotes that has it, or else built. Removed, and named on standard error,
+    are temporary files of killed processes and links in the place of a file of the dataset. A
+    folder that is no dataset is not touched. The call may be killed at any time and repeated; no
+    file is ever half replaced.
 
     Returns:
         The replaced files and their sources; empty if nothing was broken.
@@ -173,12 +166,7 @@ class _Job:
             yield Repair(each.file, "written anew")
 
     def _restored(self) -> tuple[Manifest, str]:
-        """The first manifest that can be believed, and its source in words.
-
-        Raises:
-            DatasetError: none can be, or nothing says what the dataset was made from.
-            BuildError: the recipe could not be built.
-        """
+        """The first manifest that can be believed, and its source in words."""
         origin, said = self._origin(None), "no manifest of it was found"
         for manifest, how in self._manifests(origin):
             if (doubt := self._doubt(manifest)) is None:
@@ -299,11 +287,7 @@ class _Job:
         )
 
     def _make_way(self, file: str) -> None:
-        """Removes links where folders of the dataset belong; a link for a file is overwritten.
-
-        Raises:
-            DatasetError: a file or folder of the user's is in the way. It is not touched.
-        """
+        """Removes links where folders of the dataset belong; what is the user's is an error."""
         for folder in (self.path / part for part in reversed(Path(file).parents[:-1])):
             if folder.is_symlink():
                 folder.unlink()

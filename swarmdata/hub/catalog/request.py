@@ -107,11 +107,8 @@ def cached_ids(place: Path) -> list[str]:
 def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
     """Reads a name as `load` takes it; of the disk only folders of this name are looked at.
 
-    The id of a shipped recipe takes precedence over a folder of the same name.
-
-    Args:
-        name: an id, with or without its version, an address or a folder.
-        path: the folder of a shipped dataset that shall not be in the cache.
+    The id of a shipped recipe takes precedence over a folder of the same name. `path` is the folder
+    of a shipped dataset that shall not be in the cache.
 
     Raises:
         AddressError: an empty name, or a malformed address.
@@ -180,11 +177,7 @@ def request_of_id(name: str) -> Request:
 
 
 def request_of_address(text: str) -> Request:
-    """Asks for the dataset at an address such as `hf://org/coop_nav-medium@v1`.
-
-    Raises:
-        AddressError: the address is malformed.
-    """
+    """Asks for the dataset at an address such as `hf://org/coop_nav-medium@v1`."""
     from swarmdata.hub.remotes.addresses import parse_address  # noqa: PLC0415
 
     address = parse_address(text)

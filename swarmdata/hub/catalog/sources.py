@@ -7,9 +7,10 @@ a remote.
 
 import os
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeVar
 
 from swarmdata.building.build import build_under_lock, remove_parts
 from swarmdata.datasets.dataset import Dataset
@@ -48,6 +49,8 @@ from swarmdata.store import Manifest, open_store
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE, REFERENCES
 from swarmdata.store.manifest import without_hint
 from swarmdata.store.scratch import remove_scratch, scratch_folder
+
+T = TypeVar("T")
 
 
 class RemoteSkippedWarning(UserWarning):
@@ -104,16 +107,23 @@ class Remotes:
         if request.release is not None:
             _arrive(*request.release, folder, refuse, self.progress)
             return Found(folder, request.release[1].address)
-        dataset = folder.name if request.recipe is None else request.recipe.id
+
+        def fetch(remote: Remote, release: Release) -> Found:
+            _arrive(remote, release, folder, refuse, self.progress)
+            if request.recipe is not None:
+                remove_parts(request.recipe, folder)
+            return Found(folder, release.address)
+
+        return self.first(folder.name if request.recipe is None else request.recipe.id, fetch)
+
+    def first(self, dataset: str, use: Callable[[Remote, Release], T]) -> T | None:
+        """What `use` makes of the first release of an id that it does not refuse."""
         for address in self.asked:
             try:
                 remote = open_remote(address)
                 release = remote.find(dataset)
                 if release is not None:
-                    _arrive(remote, release, folder, refuse, self.progress)
-                    if request.recipe is not None:
-                        remove_parts(request.recipe, folder)
-                    return Found(folder, release.address)
+                    return use(remote, release)
             except DiskFullError:
                 raise  # no fault of the remote, and the next one needs the same space
             except SwarmdataError as error:
@@ -190,10 +200,7 @@ class Rebuild:
     def edited(self, edit: Edit, folder: Path, out: Path) -> Path:
         """Makes an edit again from its parents, which are found as `load` finds them.
 
-        Args:
-            edit: of the dataset.
-            folder: of the dataset, whose lock the caller holds.
-            out: where it is made.
+        The caller holds the lock of the dataset's folder; the edit is made in `out`.
 
         Raises:
             DatasetNotFoundError: a parent was not found, or its digest has changed.
@@ -220,12 +227,7 @@ class Rebuild:
 
 
 def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -> Found:
-    """Returns the dataset from the first source that has it.
-
-    Args:
-        request: from `parse_request`.
-        remotes: those to ask where the cache does not have it.
-        rebuild: makes it where no remote has it either; None: with one worker for each core.
+    """Returns the dataset from the first source that has it; the last is a build.
 
     Raises:
         UnknownNameError: no source has it; the message names a command that may find it.
@@ -269,12 +271,6 @@ def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
 
 def obtain_release(remote: Remote, release: Release, folder: Path, progress: bool = True) -> Path:
     """Fetches a release to a folder, where it is not there yet, and returns the folder.
-
-    Args:
-        remote: where from.
-        release: from `remote.find`.
-        folder: the dataset's.
-        progress: whether to show a bar.
 
     Raises:
         ChecksumError: the release is another dataset than the one published under its id.

@@ -4,12 +4,11 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from swarmdata.errors import AbsentFileError, HubError, SwarmdataError
+from swarmdata.errors import AbsentFileError, HubError
 from swarmdata.hub.catalog.catalog import AnotherDatasetWarning, references_for
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.request import Request, cached, parse_request
-from swarmdata.hub.catalog.sources import Remotes, refusal, skip
-from swarmdata.hub.remotes.addresses import open_remote
+from swarmdata.hub.catalog.sources import Remotes, refusal
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset, open_stream
@@ -59,12 +58,7 @@ def open_streamed(
 
 
 def stream_request(request: Request, remotes: Remotes, stream: Stream) -> StreamedDataset:
-    """Opens a dataset for streaming; one that is on this machine is read from its folder.
-
-    Args:
-        request: from `parse_request`.
-        remotes: those to ask where the dataset is not on this machine.
-        stream: how it is streamed; chunks of a folder of this machine are not kept in the cache.
+    """Opens a dataset for streaming; one that is on this machine is read from its folder, uncached.
 
     Raises:
         HubError: no remote has it, or the remote of its address failed.
@@ -83,14 +77,11 @@ def stream_request(request: Request, remotes: Remotes, stream: Stream) -> Stream
     if request.release is not None:
         return open_stream(*request.release, stream, refuse)
     name = request.text if request.folder is None else request.folder.name
-    for address in remotes.asked:
-        try:
-            remote = open_remote(address)
-            there = remote.find(name)
-            if there is not None:
-                return open_stream(remote, there, stream, refuse)
-        except SwarmdataError as error:
-            skip(address, name, error)
+    opened = remotes.first(
+        name, lambda remote, release: open_stream(remote, release, stream, refuse)
+    )
+    if opened is not None:
+        return opened
     asked = ", ".join(remotes.asked) or "none"
     raise HubError(
         f"{name} cannot be streamed: it is not on this machine, and no remote has it (asked: "

@@ -48,11 +48,9 @@ class Check:
 
 
 def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[str, ...]:
-    """Returns the published ids that names mean, all of them without names, in order.
+    """Returns the published ids that names mean, in order; without names all.
 
-    Args:
-        names: ids with or without their version.
-        minis: whether to leave out what is no mini.
+    Names may lack the version. `minis` leaves out what is no mini.
 
     Raises:
         UnknownNameError: a name is not published; the message has the nearest.
@@ -76,14 +74,7 @@ def check(
 ) -> Iterator[Check]:
     """Makes published datasets again, one after the other, and compares them.
 
-    Args:
-        ids: as `published_ids` returns them.
-        failures: of this batch; gets the datasets that cannot be made or read.
-        cached: whether to take what is in the cache, after reading every byte, instead of making it
-            again.
-        workers: processes of the engine `local`; by default one for each core.
-        engine: where parts are made, as `build` takes it; all processes see the cache.
-        progress: whether to show bars.
+    `failures` gets those that cannot be made or read. The other arguments are as of `make_again`.
     """
     entries, recipes = published(), shipped_recipes()
     for key in tqdm(ids, "datasets", unit="dataset", disable=None if progress else True):
@@ -110,12 +101,8 @@ def make_again(
 ) -> Published:
     """Builds a dataset from nothing, measures it and removes it; a copy in the cache is not used.
 
-    Args:
-        recipe: of the dataset.
-        cached: whether to take the copy in the cache, if there is one.
-        workers: processes of the engine `local`; by default one for each core.
-        engine: where parts are made, as `build` takes it; all processes see the cache.
-        progress: whether to show a bar.
+    With `cached`, the copy in the cache is measured instead, after reading every byte, if there is
+    one. `workers` and `engine` are as `build` takes them; all processes see the cache.
 
     Raises:
         BuildError: it could not be made.

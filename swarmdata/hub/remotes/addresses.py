@@ -53,7 +53,6 @@ class Address:
     revision: str | None = None  # on a Hub, the tag (`v1`) or the commit; None: the newest version
 
     def __str__(self) -> str:
-        """The address as it is written."""
         dataset = f"/{self.dataset}" if self.dataset else ""
         return self.remote + dataset + (f"@{self.revision}" if self.revision else "")
 
@@ -205,10 +204,7 @@ def stored_remotes() -> tuple[str, ...]:
 
 
 def store_remotes(change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Path:
-    """Changes the user's `remotes.yaml` in one step and returns its path.
-
-    Args:
-        change: takes the present remotes and returns the new ones, while the file is locked.
+    """Changes the user's `remotes.yaml` in one step, while it is locked, and returns its path.
 
     Raises:
         AddressError: the file or an address in it is malformed.

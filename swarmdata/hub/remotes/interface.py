@@ -38,16 +38,11 @@ class Remote(Protocol):
         ...
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
-        """Writes one file of a release to `out`, whose folder exists.
+        """Writes one file of a release that `find` gave to `out`, whose folder exists.
 
-        Nothing is at `out` until all of it has arrived. What was left of an earlier attempt may
-        be used, so the caller checks the content.
-
-        Args:
-            release: from `find` of the same remote.
-            file: its path in the dataset's folder.
-            out: where to.
-            size: most bytes to take, those of the manifest where it lists the file.
+        Nothing is at `out` until all of it has arrived. What was left of an earlier attempt may be
+        used, so the caller checks the content. `size` is the most bytes to take, those of the
+        manifest where it lists the file.
 
         Raises:
             AbsentFileError: the release has no such file.
@@ -58,13 +53,9 @@ class Remote(Protocol):
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         """Makes a finished dataset visible, all of it or nothing.
 
-        Publishing the same files again changes nothing and returns what is there.
-
-        Args:
-            folder: the dataset's.
-            dataset_id: its id.
-            beside: a folder of more files to publish with it, which loading does not need: the
-                Hub's README.md, episode tables, Croissant.
+        Publishing the same files again changes nothing and returns what is there. `beside` is a
+        folder of more files to publish with it, which loading does not need: the Hub's README.md,
+        episode tables, Croissant.
 
         Raises:
             VersionTakenError: another dataset has this id there.
@@ -106,13 +97,7 @@ class RangeReader(Protocol):
     def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
         """Returns `size` bytes of a file of a release, from byte `first` on.
 
-        The caller checks the content.
-
-        Args:
-            release: from `find` of the same remote.
-            file: its path in the dataset's folder.
-            first: number of the first byte.
-            size: number of bytes, at least 1; the file has them.
+        The file has them, at least 1. The caller checks the content.
 
         Raises:
             AbsentFileError: the release has no such file.

@@ -46,7 +46,7 @@ def pull(
     refuse: Refusal = lambda manifest: None,
     progress: bool = True,
 ) -> Path:
-    """Fetches a release into a new folder and returns the folder.
+    """Fetches a release into a new folder and returns the folder; a folder that has it is left.
 
     Only what the manifest lists is fetched. The card and the references are in no digest, so they
     are taken from nobody: `cards.side_files.finish` writes them from the other files.
@@ -55,13 +55,6 @@ def pull(
     folder appears in one rename, when all of them are on the disk. Kill the process at any time and
     call again: finished files are kept. Where another process pulls to the same folder, this one
     waits for it.
-
-    Args:
-        remote: where from.
-        release: from `remote.find`.
-        folder: the dataset's; where it holds this release already, nothing is done.
-        refuse: returns why a dataset of this manifest is not wanted, None if it is.
-        progress: whether to show a bar in bytes, on standard error.
 
     Raises:
         ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
@@ -111,19 +104,7 @@ def refuse_current_folder(folder: Path) -> None:
 
 
 def fetch_file(remote: Remote, release: Release, manifest: Manifest, file: str, out: Path) -> None:
-    """Fetches one file that the manifest lists, checks it, and puts it at `out` in one rename.
-
-    Args:
-        remote: where from.
-        release: from `remote.find`.
-        manifest: of the dataset that the file belongs to.
-        file: its path in the dataset's folder.
-        out: the file to write; an existing one is replaced once the new one has been checked.
-
-    Raises:
-        ChecksumError: the remote gave wrong bytes, twice.
-        HubError: it could not be fetched.
-    """
+    """Does what `fetch_checked` does for a file of a dataset; HubError if its manifest lacks it."""
     entry = manifest.files.get(file)
     if entry is None:
         raise HubError(f"{release.id} has no file {file!r}: its manifest does not list it.")
@@ -131,14 +112,7 @@ def fetch_file(remote: Remote, release: Release, manifest: Manifest, file: str, 
 
 
 def fetch_checked(remote: Remote, release: Release, file: str, entry: FileEntry, out: Path) -> None:
-    """Fetches one file of known size and SHA-256, as `fetch_file` does.
-
-    Args:
-        remote: where from.
-        release: that it belongs to.
-        file: its path below the release's address.
-        entry: size and SHA-256.
-        out: as of `fetch_file`.
+    """Fetches one file of known size and SHA-256, checks it, and puts it at `out` in one rename.
 
     Raises:
         ChecksumError: the remote gave wrong bytes, twice.

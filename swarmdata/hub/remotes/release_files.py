@@ -13,9 +13,6 @@ from swarmdata.store.manifest import MAX_MANIFEST_BYTES, Manifest, read_manifest
 SIDE_FILES = (CARD, REFERENCES)
 """Files beside those that the manifest lists; a release may lack them."""
 
-MAX_SMALL_FILE_BYTES = MAX_MANIFEST_BYTES
-"""Most bytes of a file that is not an array's data."""
-
 
 def published_files(folder: Path, dataset_id: str) -> tuple[str, ...]:
     """Every file of a finished dataset, those of the arrays first and the manifest last.
@@ -34,11 +31,7 @@ def published_files(folder: Path, dataset_id: str) -> tuple[str, ...]:
 
 
 def files_to_publish(folder: Path, dataset_id: str, beside: Path | None) -> dict[str, Path]:
-    """Every file to publish by its path there, the manifest last.
-
-    Raises:
-        DatasetError: as `published_files` says.
-    """
+    """Every file to publish by its path there, the manifest last; errors of `published_files`."""
     own = {name: folder / name for name in published_files(folder, dataset_id)}
     paths = sorted(beside.rglob("*")) if beside is not None else []
     more = {path.relative_to(str(beside)).as_posix(): path for path in paths if path.is_file()}
@@ -63,23 +56,18 @@ def contradictions(manifest: Manifest) -> tuple[str, ...]:
     for name, entry in manifest.files.items():
         if name in sizes and entry.size != sizes[name]:
             problems.append(f"{name} is listed with {entry.size} bytes, expected {sizes[name]}")
-        elif name not in sizes and entry.size > MAX_SMALL_FILE_BYTES:
+        elif name not in sizes and entry.size > MAX_MANIFEST_BYTES:  # no array's data
             problems.append(
-                f"{name} is listed with {entry.size} bytes, expected <= {MAX_SMALL_FILE_BYTES}"
+                f"{name} is listed with {entry.size} bytes, expected <= {MAX_MANIFEST_BYTES}"
             )
     return tuple(problems)
 
 
 def check_size(file: str, found: int | None, most: int) -> None:
-    """Refuses a published file that is larger than its manifest lists it.
-
-    Args:
-        file: its address.
-        found: bytes that it has there; None: the host does not say.
-        most: bytes that the manifest lists.
+    """Refuses a published file that has, or may have (None), more bytes than its manifest lists.
 
     Raises:
-        HubError: it is.
+        HubError: it has.
     """
     if found is None or found > most:
         raise HubError(
@@ -97,11 +85,7 @@ def version_taken(dataset_id: str, address: str) -> VersionTakenError:
 
 
 def check_listing(address: str, names: tuple[str, ...]) -> None:
-    """Refuses a remote's listing as a whole if any name in it is unsafe.
-
-    Raises:
-        HubError: naming what is wrong.
-    """
+    """Refuses a remote's listing as a whole (HubError) if any name in it is unsafe."""
     problems = hostile_names(names)
     if problems:
         raise HubError(
@@ -130,10 +114,8 @@ def push(
 
     Raises:
         GateError: there are reasons; the message lists all of them.
-        VersionTakenError: another dataset has this id and version there.
-        ConflictError: someone else published to the same place meanwhile.
-        HubError: the remote could not be asked, or is read only.
         DatasetError: the manifest cannot be read.
+        HubError: as `Remote.publish` says.
     """
     reasons = tuple(gate(folder))
     if reasons:

@@ -12,9 +12,8 @@ from swarmdata.specs.plain_names import without_version
 def locate(address: str) -> tuple[Remote, Release]:
     """Finds the dataset at an address such as `hf://org/coop_nav-medium@v1`.
 
-    Args:
-        address: on a Hub the revision may be a tag or a commit; without one it is the newest
-            version. Elsewhere the last component is the id with its version.
+    On a Hub the revision may be a tag or a commit; without one it is the newest version. Elsewhere
+    the last component is the id with its version.
 
     Raises:
         AddressError: the address is not of a dataset.
@@ -48,12 +47,9 @@ def find_release(
     addresses: Sequence[str],
     report: Callable[[str], None] = lambda problem: None,
 ) -> tuple[Remote, Release]:
-    """Asks remotes for an exact id, one after the other, and returns the first that has it.
+    """Asks remotes for an exact id, in order, and returns the first that has it.
 
-    Args:
-        dataset_id: with its version.
-        addresses: of the remotes, in order.
-        report: called with what went wrong at a remote that is then passed over.
+    `report` is called with what went wrong at a remote that is then passed over.
 
     Raises:
         HubError: none has it; the message says which could not be asked.

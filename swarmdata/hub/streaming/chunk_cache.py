@@ -19,11 +19,8 @@ class ChunkCache:
 
     Several processes may share a folder: a file appears whole or not at all, and one that another
     process deletes is fetched again. Each process looks at the files of the others now and then, so
-    that each may exceed the bound by a part in `SCANS`. Contents are for the caller to check.
-
-    Args:
-        folder: of the files; the bound holds for all folders of datasets in it.
-        most_bytes: of all files together; 0 keeps none.
+    that each may exceed the bound by a part in `SCANS`. Contents are for the caller to check. The
+    bound of 0 bytes keeps none.
     """
 
     def __init__(self, folder: Path, most_bytes: int) -> None:
@@ -47,11 +44,7 @@ class ChunkCache:
         return content
 
     def write(self, key: str, content: bytes) -> None:
-        """Keeps a chunk, and deletes others where there are too many bytes.
-
-        Args:
-            key: path of the chunk, such as `<digest>/actions/3`.
-            content: its bytes.
+        """Keeps a chunk of a path such as `<digest>/actions/3`, and deletes others if need be.
 
         Raises:
             DiskFullError: no space is left.
@@ -74,11 +67,7 @@ class ChunkCache:
         return self._folder / f"{key}{SUFFIX}"
 
     def _make_room(self, n_bytes: int) -> int:
-        """Deletes files so that so many bytes can be written.
-
-        Returns:
-            How many bytes may then be written before the files have to be looked at again.
-        """
+        """Deletes files until so many bytes fit; returns how many more do before the next look."""
         found = []
         for folder, inner, names in os.walk(self._folder):  # passes over folders that vanish
             inner[:] = [name for name in inner if not name.startswith(TEMPORARY_PREFIX)]

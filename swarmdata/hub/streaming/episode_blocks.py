@@ -73,12 +73,7 @@ class EpisodeBlocks:
         return np.searchsorted(self.firsts, episodes, side="right") - 1
 
     def rows(self, number: int, name: str) -> NDArray[Any]:
-        """Returns the rows of an array in an episode.
-
-        Raises:
-            HubError: a chunk could not be fetched.
-            ChecksumError: the remote gave wrong bytes, twice.
-        """
+        """Returns the rows of an array in an episode; errors are those of `RemoteArrays.rows`."""
         block = int(self.block_of(number))
         held = self._last.get(block, {})
         if name not in held:
@@ -92,12 +87,7 @@ class EpisodeBlocks:
         return held[name][first : first + n_rows]
 
     def read(self, block: int, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Returns the rows of a block in some arrays over time.
-
-        Raises:
-            HubError: a chunk could not be fetched.
-            ChecksumError: the remote gave wrong bytes, twice.
-        """
+        """Returns the rows of a block in some arrays over time; errors are those of `rows`."""
         if self.spec is None:
             return self._recorded(block, names)
         wanted = {*names} - {*OBSERVED_ARRAYS}

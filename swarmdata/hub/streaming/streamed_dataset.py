@@ -49,11 +49,6 @@ class Stream:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        """Checks the sizes.
-
-        Raises:
-            SpecError: a size is too small.
-        """
         if self.window < 1 or self.cache_bytes < 0 or not 0 <= self.seed < 1 << 64:
             raise SpecError(
                 f"{self} cannot be used, expected a window of at least 1 block, at least 0 bytes "
@@ -118,7 +113,6 @@ class StreamedDataset(View[WindowSampler]):
         return np.array(mean), np.array(std)
 
     def __repr__(self) -> str:
-        """Shows identity and size."""
         return shortened(
             f"<StreamedDataset {self.id}: {len(self):,} episodes, {self.n_steps:,} steps, "
             f"{self.spec.n_agents} agents, digest {self.digest[:12]}, from {self.source}>"
@@ -160,12 +154,6 @@ def open_stream(
     """Opens a release without fetching it.
 
     Manifest, recipe and episode table are fetched and checked as those of a pulled dataset are.
-
-    Args:
-        remote: where from.
-        release: from `remote.find`.
-        stream: how it is streamed.
-        refuse: returns why a dataset of this manifest is not wanted, None if it is.
 
     Raises:
         ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.

@@ -29,11 +29,6 @@ class BlockMemory:
 
     Slots have the rows of the largest block. A slot holds as many step rows and episodes as every
     other, so that the row of a state is still that of its step and the number of its episode on.
-
-    Args:
-        blocks: of the dataset.
-        selection: stored episodes that batches may have, [n].
-        n_slots: blocks in memory.
     """
 
     def __init__(self, blocks: EpisodeBlocks, selection: Int, n_slots: int) -> None:
@@ -59,12 +54,7 @@ class BlockMemory:
         )
 
     def hold(self, wanted: Sequence[int]) -> None:
-        """Puts blocks into memory, in the place of those that were not used for longest.
-
-        Raises:
-            HubError: a block could not be fetched.
-            ChecksumError: the remote gave wrong bytes, twice.
-        """
+        """Puts blocks into memory, in the place of those that were not used for longest."""
         for block in wanted:
             if block in self._slots:
                 self._slots.move_to_end(block)
@@ -116,19 +106,8 @@ class WindowSampler(RowSampler):
     and gives the batches of `Dataset.sampler`, bit for bit.
 
     A batch is a pure function of the seeds and its number. The order of the blocks is that of the
-    dataset, not of the sampler's seed: what one sampler has drawn another may gather.
-
-    Args:
-        blocks: of the dataset.
-        selection: stored episodes to draw from, [n].
-        window: blocks in the window.
-        order_seed: of the order of the blocks.
-        batch_size: transitions or windows of steps in a batch, B.
-        horizon: as of `Sampler`.
-        burn_in: as of `Sampler`.
-        seed: of the stream.
-        scale: of the actions.
-        view: the dataset whose `sampler` this is; a pickle has it instead of blocks in memory.
+    dataset (`order_seed`), not of the sampler's seed: what one sampler has drawn another may
+    gather. A pickle has `view`, the dataset, instead of blocks in memory.
     """
 
     def __init__(
@@ -177,7 +156,6 @@ class WindowSampler(RowSampler):
         return _resumed, (self._view, {name: getattr(self, name) for name in names}, self._n_drawn)
 
     def __repr__(self) -> str:
-        """Shows the settings."""
         return (
             f"WindowSampler({self._n_steps} transitions, {self._window} of {len(self._live)} "
             f"blocks in memory, batch_size={self.batch_size}, horizon={self.horizon}, "
@@ -194,7 +172,7 @@ class WindowSampler(RowSampler):
         return min(left, super()._n_ahead())
 
     def pick(self, places: Double, n_before: int) -> Int:
-        """Returns the stored rows at places; a window of all blocks never moves."""
+        """A window of all blocks never moves."""
         if self._window < len(self._live):
             self._turn = n_before // (self._turn_batches * self.batch_size)
         return take_at(self._valid_rows(self._turn), places)
@@ -216,16 +194,7 @@ class WindowSampler(RowSampler):
         return rows
 
     def gather(self, index: Int, wanted: Wanted = None) -> Batch:
-        """Returns the transitions or windows that start at stored rows, any shape.
-
-        Blocks that are not in memory are fetched, and the next one in the background.
-
-        Raises:
-            IndexError: an index outside the dataset.
-            SchemaError: actions that are to be scaled lie outside their bounds.
-            HubError: a chunk could not be fetched.
-            ChecksumError: the remote gave wrong bytes, twice.
-        """
+        """Fetches blocks that are not in memory, and the next one in the background."""
         if index.size and not 0 <= index.min() <= index.max() < self.n_rows:
             raise IndexError(
                 f"rows {index.min()} to {index.max()}, expected 0 to {self.n_rows - 1}"

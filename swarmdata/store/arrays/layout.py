@@ -259,7 +259,6 @@ class Shard:
     n_shards: int = field(init=False)  # files
 
     def __post_init__(self) -> None:
-        """Computes the sizes, once for all who ask."""
         row_bytes = math.prod(self.shape[1:]) * np.dtype(self.dtype).itemsize
         nbytes = self.shape[0] * row_bytes
         n_chunks = -(-self.shape[0] // self.chunk_rows) if nbytes else 0
@@ -299,13 +298,7 @@ _SIZES = ("nbytes", "n_chunks", "chunk_bytes", "data_bytes", "shard_chunks", "n_
 
 @lru_cache(maxsize=256)
 def shard_index(n_chunks: int, chunk_bytes: int, n_entries: int) -> bytes:
-    """The shard index of chunks that are stored in order and without gaps.
-
-    Args:
-        n_chunks: chunks that are there.
-        chunk_bytes: of each.
-        n_entries: of the index; those after the chunks that are there say so.
-    """
+    """The shard index of chunks in order and without gaps; further entries are `ABSENT`."""
     numbers = [n for k in range(n_chunks) for n in (k * chunk_bytes, chunk_bytes)]
     numbers += [ABSENT] * 2 * (n_entries - n_chunks)
     table = struct.pack(f"<{len(numbers)}Q", *numbers)
@@ -329,11 +322,7 @@ class ArrayPlan(NamedTuple):
 def plan_arrays(
     arrays: Mapping[str, tuple[DType, tuple[int, ...], int, int | None]],
 ) -> dict[str, ArrayPlan]:
-    """Plans all arrays of a dataset.
-
-    Args:
-        arrays: dtype, shape, rows of each chunk and of each file, by the name of the array.
-    """
+    """Plans all arrays of a dataset: dtype, shape, rows of each chunk and of each file, by name."""
     shards = {name: Shard(*entry) for name, entry in arrays.items()}
     return {
         name: ArrayPlan(

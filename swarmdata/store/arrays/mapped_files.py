@@ -20,10 +20,6 @@ MAP_FIXED = 0x10
 def map_array(path: Path, plan: ArrayPlan) -> tuple[NDArray[np.uint8], tuple[bytes, ...]]:
     """Maps the chunks of an array, whose files have the sizes of its plan.
 
-    Args:
-        path: the dataset's folder.
-        plan: of the array.
-
     Returns:
         All chunks, one after the other and read-only, and the shard index of each file.
 

@@ -19,10 +19,8 @@ MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/la
 def task_row_shapes(spec: TaskSpec, *, widths: bool = True) -> Mapping[str, Shape]:
     """Shapes without the first axis, by the name of the array, of a dataset of our tasks.
 
-    Args:
-        spec: of the dataset.
-        widths: whether the widths of observations, states, messages and layouts shall be known as
-            well. They take the task's code, which is compiled.
+    `widths` adds those of observations, states, messages and layouts, which take the task's code,
+    which is compiled.
     """
     n_terms = (
         len(type(spec.rules.rewards).model_fields) - 1

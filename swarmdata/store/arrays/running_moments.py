@@ -1,10 +1,15 @@
 """Mean and standard deviation of streamed rows, independent of chunking and of threads."""
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.types import Counts, Double, Float
+
+if TYPE_CHECKING:
+    from swarmdata.store.stored_dataset import StoredDataset
 
 BLOCK_NUMBERS = 1 << 20
 """Most numbers of images that are unpacked to float64 at a time."""
@@ -49,3 +54,18 @@ class Moments:
         variance = np.maximum(self.squares / self.count - offset * offset, 0.0)
         mean, std = self.shift + offset, np.sqrt(variance)
         return tuple(map(float, mean)), tuple(map(float, std))
+
+
+def train_moments(stored: "StoredDataset", name: str) -> tuple[Double, Double]:
+    """Mean and deviation of an array over the train split, agents and time, [F] each.
+
+    F is the size of the last axis of observations, and 1 of rewards.
+    """
+    moments, reads = Moments(), MappedReads((stored.arrays[name],))
+    for number in np.flatnonzero(stored.table.split == 0).tolist():
+        rows = stored.rows(number, name)
+        moments.add(rows.reshape(-1, rows.shape[2] if rows.ndim == 3 else 1))
+        reads.add(rows)
+    reads.release()
+    mean, std = moments.result()
+    return np.array(mean), np.array(std)

@@ -29,7 +29,6 @@ class ScratchMap(mmap.mmap):
     descriptor: int
 
     def __new__(cls, descriptor: int, n_bytes: int, **access: int) -> "ScratchMap":
-        """Maps the file, and keeps a descriptor of its own."""
         self = super().__new__(cls, descriptor, n_bytes, **access)
         self.descriptor = os.dup(descriptor)
         weakref.finalize(self, os.close, self.descriptor)
@@ -74,13 +73,10 @@ def map_shared(shared: SharedArray) -> NDArray[Any] | None:
 def new_arrays(
     kinds: Mapping[str, tuple[tuple[int, ...], np.dtype[Any]]],
 ) -> dict[str, NDArray[Any]]:
-    """Returns arrays to be filled, whose content is arbitrary.
+    """Returns arrays of these shapes and dtypes to be filled, whose content is arbitrary.
 
     Together they have at most `MEMORY_BYTES` in memory, or else lie in the folder of the cache, or
     in that of temporary files where the cache cannot be written to.
-
-    Args:
-        kinds: shape and dtype by name.
 
     Raises:
         DiskFullError: no space is left.

@@ -30,7 +30,6 @@ from swarmdata.specs.task_spec import Role
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
 from swarmdata.store.cache import cache_folder, note_build
-from swarmdata.store.publication import publication
 from swarmdata.store.stored_dataset import Verify
 from tests.support.command_line import run
 from tests.support.pairs import slow
@@ -41,21 +40,7 @@ RUNNER = CliRunner()
 ROOT = "data.zarr/zarr.json"
 
 
-pytestmark = pytest.mark.usefixtures("one_process")
-
-
-@pytest.fixture
-def dataset(tiny: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(tiny, tmp_path / TINY.id))
-
-
-@pytest.fixture(autouse=True)
-def entry(monkeypatch: pytest.MonkeyPatch, tiny: Path) -> Published:
-    """The tiny dataset is published, and its recipe shipped."""
-    found = publication(open_store(tiny))
-    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: found}))
-    monkeypatch.setattr(identity, "shipped_recipes", lambda: {TINY.id: TINY})
-    return found
+pytestmark = pytest.mark.usefixtures("one_process", "published")
 
 
 def forge(folder: Path, recipe: Recipe) -> Manifest:
@@ -161,19 +146,6 @@ def test_a_forgery_is_sound_and_every_command_says_what_it_is(
     )
 
 
-def test_a_manifest_that_lies_about_the_digest_is_not_fetched(
-    dataset: Path, tmp_path: Path, entry: Published
-) -> None:
-    """The arrays are hashed before anything appears, by every command."""
-    manifest = change_rewards(dataset).model_copy(update={"digest": entry.digest})
-    (dataset / "manifest.json").write_bytes(manifest.to_bytes())
-    shelf = Shelf(tmp_path / "shelf", dataset)
-    address = f"{shelf.address}/{TINY.id}"
-    result = RUNNER.invoke(app, ["pull", address, "--out", str(tmp_path / "out")])
-    assert (result.exit_code, "have the logical digest" in result.stderr) == (1, True)
-    assert not (tmp_path / "out").exists()
-
-
 def test_whatever_is_wrong_keeps_a_dataset_from_being_pushed(dataset: Path) -> None:
     assert find_blockers(dataset) == ()
     card = (dataset / "card.md").read_text()
@@ -189,10 +161,10 @@ def test_whatever_is_wrong_keeps_a_dataset_from_being_pushed(dataset: Path) -> N
 
 
 def test_what_was_built_here_is_known_to_be(
-    tmp_path: Path, entry: Published, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, published: Published, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By a record in the cache, which a copy from elsewhere does not bring along."""
-    other = entry.model_copy(update={"digest": "0" * 64})
+    other = published.model_copy(update={"digest": "0" * 64})
     monkeypatch.setattr(identity, "published", lambda: {TINY.id: other})
     folder = build(TINY, tmp_path / "d", workers=1, progress=False)
     found = judge(read_manifest(folder))
@@ -271,14 +243,14 @@ def test_another_identity_beside_the_arrays_is_refused(dataset: Path, key: str) 
         open_store(dataset, "none")
 
 
-def test_a_dataset_without_the_hash_is_read(dataset: Path, entry: Published) -> None:
+def test_a_dataset_without_the_hash_is_read(dataset: Path, published: Published) -> None:
     """As all were that were written before."""
     root = json.loads((dataset / ROOT).read_bytes())
     del root["attributes"]["recipe_hash"]
     (dataset / ROOT).write_text(json.dumps(root))
     manifest = sign_again(dataset, TINY)
-    assert manifest.transport_digest != entry.transport_digest
-    assert open_store(dataset, "full").manifest.digest == entry.digest
+    assert manifest.transport_digest != published.transport_digest
+    assert open_store(dataset, "full").manifest.digest == published.digest
     assert judge(manifest).kind == "published"
 
 

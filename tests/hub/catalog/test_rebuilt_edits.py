@@ -12,7 +12,7 @@ from swarmdata.errors import DatasetError, DatasetNotFoundError, MissingManifest
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import MADE_AGAIN, examine, repair
 from tests.support.pairs import slow
-from tests.support.tiny import Shelf, flip, make_tiny
+from tests.support.tiny import Shelf, contents, flip, make_tiny
 
 PARENT, EDIT, EDIT_OF_EDIT = "lab-parent_run-v0", "lab-some-v0", "lab-few-v0"
 
@@ -36,10 +36,9 @@ def edit(parent: Path) -> Dataset:
     return filter_dataset(Dataset.open(parent), parent.parent / EDIT, id=EDIT, split="train")
 
 
-def lose(dataset: Dataset) -> dict[str, bytes]:
+def lose(dataset: Dataset) -> dict[str, bytes | str]:
     """Deletes all but the `recipe.json`; returns what was in the files."""
-    files = {str(p.relative_to(dataset.path)): p for p in dataset.path.rglob("*") if p.is_file()}
-    before = {name: path.read_bytes() for name, path in files.items()}
+    before = contents(dataset.path)
     shutil.rmtree(dataset.path / "data.zarr")
     for name in ("manifest.json", "card.md"):
         (dataset.path / name).unlink()
@@ -51,7 +50,7 @@ def test_load_makes_a_lost_edit_again(edit: Dataset, by_id: bool) -> None:
     before = lose(edit)
     again = load(EDIT if by_id else edit.path, progress=False)
     assert (again.source, again.digest) == ("rebuilt", edit.digest)
-    assert {name: (edit.path / name).read_bytes() for name in before} == before
+    assert contents(edit.path) == before
     assert load(EDIT).source == "cache"
     assert not [path for path in edit.path.parent.iterdir() if "rebuild" in path.name]
 

@@ -6,26 +6,23 @@ import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from types import MappingProxyType
 
 import pytest
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError, ManifestError
-from swarmdata.hub.catalog import identity
 from swarmdata.hub.catalog import repair as repair_module
 from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.hub.catalog.sources import RemoteSkippedWarning
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.registry.published import Published
-from swarmdata.store import open_store, read_manifest
+from swarmdata.store import read_manifest
 from swarmdata.store.arrays.layout import FORMAT_VERSION
 from swarmdata.store.damage import find_damage
-from swarmdata.store.publication import publication
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.pairs import slow
-from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign
+from tests.support.tiny import TINY, Shelf, contents, flip, make_tiny, sign
 
 STATES, ACTIONS = "data.zarr/states/c.0.0", "data.zarr/actions/c.0.0.0"
 META = "data.zarr/rewards/zarr.json"
@@ -40,30 +37,10 @@ def crew() -> Iterator[type[OneProcessCrew]]:
         yield OneProcessCrew
 
 
-@pytest.fixture
-def dataset(tiny: Path, tmp_path: Path) -> Path:
-    return Path(shutil.copytree(tiny, tmp_path / TINY.id))
-
-
-@pytest.fixture
-def published(monkeypatch: pytest.MonkeyPatch, tiny: Path) -> Published:
-    """The tiny dataset is published, and its recipe shipped."""
-    entry = publication(open_store(tiny))
-    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: entry}))
-    for module in (repair_module, identity):
-        monkeypatch.setattr(module, "shipped_recipes", lambda: {TINY.id: TINY})
-    return entry
-
-
 def offer(monkeypatch: pytest.MonkeyPatch, *shelves: Shelf) -> tuple[str, ...]:
     known: dict[str, Remote] = {shelf.address: shelf for shelf in shelves}
     monkeypatch.setattr(repair_module, "open_remote", known.__getitem__)
     return tuple(known)
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    files = (path for path in folder.rglob("*") if path.is_file())
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
 def test_an_intact_dataset_has_no_damage_and_is_not_touched(dataset: Path) -> None:
@@ -146,23 +123,23 @@ def test_a_signed_contradiction_is_damage_of_the_manifest(dataset: Path) -> None
 
 
 def test_a_link_is_named_not_followed_and_replaced(dataset: Path, tmp_path: Path) -> None:
-    before = content(dataset)
+    before = contents(dataset)
     shutil.move(dataset / "data.zarr" / "states", tmp_path / "elsewhere")
     (dataset / "data.zarr" / "states").symlink_to(tmp_path / "elsewhere")
     assert [each.file for each in examine(dataset)] == ["data.zarr/states"]
     repair(dataset, progress=False)
-    assert content(dataset) == before
+    assert contents(dataset) == before
     assert (tmp_path / "elsewhere" / "c.0.0").exists()
 
 
 def test_only_what_is_broken_is_made_again(dataset: Path) -> None:
-    before, whole = content(dataset), (dataset / ACTIONS).stat().st_ino
+    before, whole = contents(dataset), (dataset / ACTIONS).stat().st_ino
     flip(dataset / STATES, 40)
     (dataset / META).unlink()
     done = repair(dataset, progress=False)
 
     assert done == tuple(Repair(file, "made again from the recipe") for file in (META, STATES))
-    assert content(dataset) == before
+    assert contents(dataset) == before
     assert (dataset / ACTIONS).stat().st_ino == whole, "an intact file is left as it is"
     assert {path.name for path in dataset.parent.iterdir()} == {TINY.id}
 
@@ -170,7 +147,7 @@ def test_only_what_is_broken_is_made_again(dataset: Path) -> None:
 def test_a_remote_is_asked_before_anything_is_built(
     dataset: Path, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = content(dataset)
+    before = contents(dataset)
     other = make_tiny(tmp_path / "other", seed=9)
     wrong, broken = Shelf(tmp_path / "1", other), Shelf(tmp_path / "2", tiny, fails=True)
     empty, right = Shelf(tmp_path / "3"), Shelf(tmp_path / "4", tiny)
@@ -184,14 +161,14 @@ def test_a_remote_is_asked_before_anything_is_built(
     assert [
         shelf.address in text for shelf, text in zip((wrong, broken, empty), messages, strict=True)
     ] == [True] * 3
-    assert content(dataset) == before
+    assert contents(dataset) == before
     assert len(OneProcessCrew.made) == made
 
 
 def test_what_a_remote_lacks_is_built(
     dataset: Path, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before, shelf = content(dataset), Shelf(tmp_path / "1", tiny)
+    before, shelf = contents(dataset), Shelf(tmp_path / "1", tiny)
     flip(tmp_path / "1" / TINY.id / STATES, 41)
     flip(dataset / STATES, 40)
     flip(dataset / ACTIONS, 40)
@@ -201,7 +178,7 @@ def test_what_a_remote_lacks_is_built(
         ACTIONS: "fetched",
         STATES: "made",
     }
-    assert content(dataset) == before
+    assert contents(dataset) == before
 
 
 def test_other_bits_than_were_written_are_not_swapped_in(
@@ -209,7 +186,7 @@ def test_other_bits_than_were_written_are_not_swapped_in(
 ) -> None:
     """A platform that simulates differently cannot repair, and says so."""
     flip(dataset / STATES, 40)
-    before = content(dataset)
+    before = contents(dataset)
     monkeypatch.setattr(
         repair_module,
         "build",
@@ -217,13 +194,13 @@ def test_other_bits_than_were_written_are_not_swapped_in(
     )
     with pytest.raises(DatasetError, match=r"states/c.0.0 .* other bytes than were written"):
         repair(dataset, progress=False)
-    assert content(dataset) == before
+    assert contents(dataset) == before
 
 
 @pytest.mark.usefixtures("published")
 @pytest.mark.parametrize("damage", ["flipped", *slow("absent", "empty")])
 def test_a_lost_manifest_of_a_published_dataset_is_restored(dataset: Path, damage: str) -> None:
-    before = content(dataset)
+    before = contents(dataset)
     if damage == "absent":
         (dataset / "manifest.json").unlink()
     elif damage == "flipped":
@@ -234,17 +211,17 @@ def test_a_lost_manifest_of_a_published_dataset_is_restored(dataset: Path, damag
     (done,) = repair(dataset)
 
     assert done.how == "made again from the recipe"
-    assert content(dataset) == before, "the same manifest, bit for bit"
+    assert contents(dataset) == before, "the same manifest, bit for bit"
 
 
 @pytest.mark.slow
 def test_an_unpublished_manifest_needs_all_other_files(dataset: Path) -> None:
-    before = content(dataset)
+    before = contents(dataset)
     (dataset / "manifest.json").unlink()
     assert repair(dataset, progress=False) == (
         Repair("manifest.json", "made again from the recipe"),
     )
-    assert content(dataset) == before
+    assert contents(dataset) == before
     (dataset / "manifest.json").unlink()
     flip(dataset / STATES, 40)
     with pytest.raises(ManifestError, match=r"states/c.0.0 is not the file that"):
@@ -255,14 +232,14 @@ def test_an_unpublished_manifest_needs_all_other_files(dataset: Path) -> None:
 def test_an_unpublished_manifest_comes_from_a_remote_that_has_the_same_files(
     dataset: Path, tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    before = content(dataset)
+    before = contents(dataset)
     other = Shelf(tmp_path / "1", make_tiny(tmp_path / "other", seed=9))
     made = len(OneProcessCrew.made)
     right = Shelf(tmp_path / "2", tiny)
     (dataset / "manifest.json").unlink()
     (done,) = repair(dataset, remotes=offer(monkeypatch, other, right), progress=False)
     assert done == Repair("manifest.json", f"fetched from {right.address}/{TINY.id}")
-    assert content(dataset) == before
+    assert contents(dataset) == before
     assert len(OneProcessCrew.made) == made
 
 
@@ -282,20 +259,20 @@ def test_somebodys_own_dataset_under_a_shipped_name_is_never_replaced(
     flip(own / STATES, 40)
     for name in lost:
         (own / name).unlink()
-    before = content(own)
+    before = contents(own)
     with pytest.raises(DatasetError):
         repair(own, progress=False)
-    assert content(own) == before
+    assert contents(own) == before
 
 
 def test_a_recipe_that_nobody_has_is_not_made_up(dataset: Path) -> None:
     recipe = json.loads((dataset / "recipe.json").read_bytes())
     (dataset / "recipe.json").write_text(json.dumps({**recipe, "seed": 77}))
     (dataset / "manifest.json").unlink()
-    before = content(dataset)
+    before = contents(dataset)
     with pytest.raises(DatasetError, match=r"recipe\.json is not the one it was made from"):
         repair(dataset, progress=False)
-    assert content(dataset) == before
+    assert contents(dataset) == before
 
 
 FLIPPED_BYTES = st.none() | st.integers(0, 200)  # None: the file is absent
@@ -316,11 +293,11 @@ def test_any_set_of_files_is_repaired(
     assume(not {"manifest.json", "data.zarr/zarr.json"} <= damage.keys())
     with TemporaryDirectory(dir=tiny.parent) as folder:  # a copy for each example
         dataset = Path(shutil.copytree(tiny, Path(folder) / TINY.id))
-        before = content(dataset)
+        before = contents(dataset)
         for file, byte in damage.items():
             if byte is None:
                 (dataset / file).unlink()
             else:
                 flip(dataset / file, byte % len(before[file]))
         assert {each.file for each in repair(dataset, progress=False)} == set(damage)
-        assert content(dataset) == before
+        assert contents(dataset) == before

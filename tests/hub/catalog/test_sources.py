@@ -5,7 +5,6 @@ import re
 import shutil
 import warnings
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -21,7 +20,7 @@ from swarmdata.errors import (
     SpecError,
     UnknownNameError,
 )
-from swarmdata.hub.catalog import identity, request, sources
+from swarmdata.hub.catalog import request, sources
 from swarmdata.hub.catalog.catalog import find_folder, load
 from swarmdata.hub.catalog.request import (
     Found,
@@ -33,8 +32,8 @@ from swarmdata.hub.catalog.request import (
 )
 from swarmdata.hub.catalog.sources import Remotes, RemoteSkippedWarning, obtain
 from swarmdata.hub.remotes.interface import Release, Remote
+from swarmdata.registry.published import Published
 from swarmdata.registry.recipes import find_recipe
-from swarmdata.store.publication import publication
 from swarmdata.store.scratch import scratch_folder
 from tests.support.tiny import TINY, Shelf, flip, make_tiny, sign
 
@@ -77,10 +76,8 @@ def _locate(known: dict[str, Remote], text: str) -> tuple[Remote, Release]:
 
 
 @pytest.fixture
-def shipped(monkeypatch: pytest.MonkeyPatch, tiny: Path) -> None:
+def shipped(monkeypatch: pytest.MonkeyPatch, published: Published) -> None:
     """The tiny recipe is one that the package ships and has published."""
-    entry = publication(Dataset.open(tiny).stored)
-    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: entry}))
     monkeypatch.setattr(
         request, "find_recipe", lambda name: TINY if name in TINY.id else find_recipe(name)
     )
@@ -128,16 +125,6 @@ def test_a_remote_with_another_dataset_is_skipped_by_name(
 
 
 @pytest.mark.usefixtures("shipped")
-def test_when_every_remote_fails_it_is_rebuilt(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path
-) -> None:
-    configure(monkeypatch, Shelf(tmp_path / "1", tiny, fails=True))
-    with pytest.warns(RemoteSkippedWarning, match="is skipped"):
-        dataset = load("coop_nav-tiny", progress=False)
-    assert (dataset.source, dataset.digest) == ("rebuilt", Dataset.open(tiny).digest)
-
-
-@pytest.mark.usefixtures("shipped")
 def test_offline_asks_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path) -> None:
     shelf = Shelf(tmp_path / "1", tiny)
     configure(monkeypatch, shelf)
@@ -155,23 +142,30 @@ def test_the_environment_says_offline(monkeypatch: pytest.MonkeyPatch, name: str
         assert is_offline(not expected) != expected, "an argument comes first"
 
 
-def test_a_copy_of_another_recipe_is_skipped(tmp_path: Path, other: Path) -> None:
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("failing", "answered 503"),
+        ("damaged", "actions"),
+        ("of another recipe", f"expected {TINY.hash()[:12]}"),
+    ],
+)
+def test_where_every_remote_is_skipped_it_is_rebuilt(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    tiny: Path,
+    other: Path,
+    fault: str,
+    said: str,
+) -> None:
     """Where no digest is published, the recipe must be the same."""
-    shelf = Shelf(tmp_path / "shelf", other)
-    with pytest.warns(RemoteSkippedWarning, match=f"expected {TINY.hash()[:12]}"):
-        found = obtain(
-            request_of_recipe(TINY, tmp_path / "d"), Remotes([shelf.address], progress=False)
-        )
-    assert found.source == "rebuilt"
-
-
-def test_a_damaged_copy_is_skipped(tmp_path: Path, tiny: Path) -> None:
-    shelf = Shelf(tmp_path / "shelf", tiny)
-    flip(tmp_path / "shelf" / TINY.id / "data.zarr" / "actions" / "c.0.0.0", 99)
-    with pytest.warns(RemoteSkippedWarning, match="actions"):
-        found = obtain(
-            request_of_recipe(TINY, tmp_path / "d"), Remotes([shelf.address], progress=False)
-        )
+    there = other if fault == "of another recipe" else tiny
+    shelf = Shelf(tmp_path / "shelf", there, fails=fault == "failing")
+    if fault == "damaged":
+        flip(tmp_path / "shelf" / TINY.id / "data.zarr" / "actions" / "c.0.0.0", 99)
+    configure(monkeypatch, shelf)
+    with pytest.warns(RemoteSkippedWarning, match=said):
+        found = fetch(request_of_recipe(TINY, tmp_path / "d"), shelf)
     assert found.source == "rebuilt"
 
 
@@ -180,9 +174,7 @@ def test_what_a_killed_fetch_left_is_of_no_consequence(tmp_path: Path, tiny: Pat
     arriving = Path(shutil.copytree(tiny, scratch_folder(tmp_path / "d", "arriving")))
     flip(arriving / "recipe.json", 30)
     build_folder(tmp_path / "d").mkdir()
-    found = obtain(
-        request_of_recipe(TINY, tmp_path / "d"), Remotes([shelf.address], progress=False)
-    )
+    found = fetch(request_of_recipe(TINY, tmp_path / "d"), shelf)
     assert found.source == f"{shelf.address}/{TINY.id}"
     Dataset.open(tmp_path / "d", "full")
     left = {path.name for path in tmp_path.iterdir()}

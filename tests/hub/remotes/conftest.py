@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Meter
@@ -13,6 +14,8 @@ from swarmdata.hub.remotes.release_files import SIDE_FILES
 from swarmdata.testing.synthetic import RELEASE_CARD, write_release
 from tests.hub.remotes.faults import Clock
 from tests.hub.remotes.loopback_hub import LoopbackHub
+from tests.hub.remotes.static_host import StaticHost
+from tests.support.tiny import contents
 
 ID, NEXT = "coop_nav-synthetic-v0", "coop_nav-synthetic-v1"
 TOKEN = "hf_" + "s3cret" * 6
@@ -34,6 +37,23 @@ def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def successor(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The next version."""
     return write_release(tmp_path_factory.mktemp("next") / NEXT, [30, 10, 72, 40, 20], NEXT)
+
+
+@pytest.fixture
+def published(dataset: Path, tmp_path: Path) -> Path:
+    """A folder in which the dataset is published."""
+    root = tmp_path / "host"
+    root.mkdir()
+    FolderRemote(root.as_uri()).publish(dataset, ID)
+    return root
+
+
+@pytest.fixture
+def host(published: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[StaticHost]:
+    """A web server over that folder."""
+    monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
+    with StaticHost(published) as server:
+        yield server
 
 
 @pytest.fixture
@@ -87,18 +107,10 @@ def remote(hub: LoopbackHub, backoff: Backoff) -> HubRemote:
 
 def same_files(one: Path, two: Path) -> bool:
     """Whether two folders hold the same bytes under the same names."""
-    return _contents(one) == _contents(two)
+    return contents(one) == contents(two)
 
 
 def is_pulled(folder: Path, published: Path) -> bool:
     """Whether a folder has the dataset's own files, and none that the manifest does not list."""
-    own = _contents(published)
-    return _contents(folder) == {name: own[name] for name in own.keys() - set(SIDE_FILES)}
-
-
-def _contents(folder: Path) -> dict[str, bytes]:
-    return {
-        str(path.relative_to(folder)): path.read_bytes()
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
+    own = contents(published)
+    return contents(folder) == {name: own[name] for name in own.keys() - set(SIDE_FILES)}

@@ -18,34 +18,19 @@ class Clock:
 
 @dataclass
 class Fault:
-    """What happens to requests whose `METHOD /path` matches `pattern`.
+    """What happens to requests whose `METHOD /path` matches; seconds are of the server's clock."""
 
-    Attributes:
-        pattern: a regular expression, searched for.
-        status: answered instead of the request being handled.
-        headers: of that answer.
-        cut: bytes of the body after which the connection ends.
-        corrupt: whether one bit of the body is flipped; its length stays.
-        drip: bytes sent at a time, with pauses of `pause` seconds of the server's clock.
-        trickle: such seconds between two bytes of the status and the headers.
-        stall: such seconds without a byte in the middle of the body.
-        lose: whether the request is handled but its answer never sent.
-        skip: matching requests that are let through first.
-        times: matching requests that are hit after those.
-    """
-
-    pattern: str
-    status: int | None = None
-    headers: dict[str, str] = field(default_factory=dict)
-    cut: int | None = None
-    corrupt: bool = False
-    drip: int = 0
-    pause: float = 0.0
-    trickle: float = 0.0
-    stall: float = 0.0
-    lose: bool = False
-    skip: int = 0
-    times: int = 1_000_000
+    pattern: str  # a regular expression, searched for
+    status: int | None = None  # answered instead of the request being handled
+    headers: dict[str, str] = field(default_factory=dict)  # of that answer
+    cut: int | None = None  # bytes of the body after which the connection ends
+    corrupt: bool = False  # whether one bit of the body is flipped; its length stays
+    drip: int = 0  # bytes sent at a time
+    pause: float = 0.0  # seconds after these
+    trickle: float = 0.0  # seconds between two bytes of the status and the headers
+    lose: bool = False  # whether the request is handled but its answer never sent
+    skip: int = 0  # matching requests that are let through first
+    times: int = 1_000_000  # matching requests that are hit after those
 
     def hits(self, request: str) -> bool:
         """Counts a request; whether the fault happens to it."""
@@ -61,14 +46,7 @@ class Fault:
 
 
 class FaultyServer(ThreadingHTTPServer):
-    """A server on 127.0.0.1 with a log of its requests and a list of faults.
-
-    Attributes:
-        faults: to inject.
-        log: of requests.
-        clock: of the client, which the pauses of this server advance; None: they are real.
-        pausing: set as soon as an answer has paused.
-    """
+    """A server on 127.0.0.1 with a log of its requests and a list of faults to inject."""
 
     daemon_threads = True
 
@@ -76,8 +54,9 @@ class FaultyServer(ThreadingHTTPServer):
         super().__init__(("127.0.0.1", 0), handler)
         self.faults: list[Fault] = []
         self.log: list[str] = []
-        self.clock: Clock | None = None
-        self.pausing, self._closing = threading.Event(), threading.Event()
+        self.clock: Clock | None = None  # of the client, which pauses advance; None: they are real
+        self.pausing = threading.Event()  # set as soon as an answer has paused
+        self._closing = threading.Event()
         self.lock = threading.RLock()
         poll = {"poll_interval": 0.01}  # s that `shutdown` waits
         self._thread = threading.Thread(target=self.serve_forever, kwargs=poll, daemon=True)
@@ -174,11 +153,6 @@ class FaultyHandler(BaseHTTPRequestHandler):
             self.wfile.write(body[: fault.cut])
             self.hang_up()
             return
-        if fault.stall:
-            self.wfile.write(body[: len(body) // 2])
-            self.wfile.flush()
-            self.server.pause(fault.stall)
-            body = body[len(body) // 2 :]
         step = fault.drip or max(1, len(body))
         for start in range(0, len(body), step):
             self.wfile.write(body[start : start + step])

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import HubError
-from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
@@ -28,16 +27,13 @@ Serve = Callable[..., Nginx]
 
 
 @pytest.fixture
-def serve(dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Serve]:
+def serve(published: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Serve]:
     """Starts servers of a published folder, whose authority is trusted."""
-    folder = tmp_path / "published"
-    folder.mkdir()
-    FolderRemote(f"file://{folder}").publish(dataset, ID)
     monkeypatch.setenv("NO_PROXY", "127.0.0.1,localhost")
     running: list[Nginx] = []
 
     def start(extra: str = "", *, is_trusted: bool = True) -> Nginx:
-        server = Nginx(folder, tmp_path / f"nginx-{len(running)}", extra)
+        server = Nginx(published, tmp_path / f"nginx-{len(running)}", extra)
         if is_trusted:
             monkeypatch.setenv("SSL_CERT_FILE", str(server.authority))
         running.append(server.__enter__())
@@ -53,13 +49,18 @@ def remote(server: Nginx, pace: Pace | None = None) -> WebRemote:
 
 
 def test_round_trip(serve: Serve, dataset: Path, tmp_path: Path) -> None:
-    """Row 69: asked, listed, fetched over TLS; what is not there is not there."""
-    found = remote(serve())
+    """Rows 69, 70: asked, listed, fetched over TLS, within which redirects are followed."""
+    server = serve()
+    found = remote(server)
     release = found.find(ID)
     assert release is not None
     assert found.ids() == (ID,)
     assert found.find("coop_nav-nothing-v0") is None
     assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
+    backoff = Backoff(attempts=1)
+    assert WebRemote(f"{server.url}/moved", backoff=backoff).find(ID) is not None
+    with pytest.raises(HubError, match="expected another https:// address"):
+        WebRemote(f"{server.url}/plain", backoff=backoff).find(ID)
 
 
 def test_a_pull_that_was_cut_goes_on_with_ranges(
@@ -97,12 +98,3 @@ def test_a_server_with_a_limit_of_one_byte_a_second_is_left(serve: Serve, tmp_pa
             tmp_path / ID,
             progress=False,
         )
-
-
-def test_redirects_of_a_real_server(serve: Serve) -> None:
-    """Row 69: within TLS they are followed, out of it they are not."""
-    server = serve()
-    backoff = Backoff(attempts=1)
-    assert WebRemote(f"{server.url}/moved", backoff=backoff).find(ID) is not None
-    with pytest.raises(HubError, match="expected another https:// address"):
-        WebRemote(f"{server.url}/plain", backoff=backoff).find(ID)

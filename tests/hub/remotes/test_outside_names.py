@@ -6,7 +6,6 @@ from hypothesis import strategies as st
 
 from swarmdata.errors import AddressError
 from swarmdata.hub.remotes.outside_names import hostile_names, is_id, split_id, unsafe_names
-from swarmdata.store.arrays.layout import FIELDS, GROUP_FILES, array_file, metadata_file
 
 
 @given(st.text(max_size=120))
@@ -46,12 +45,6 @@ def test_what_is_an_id_is_safe_everywhere(text: str) -> None:
 def test_unsafe_names(names: list[str], problem: str) -> None:
     (found,) = unsafe_names(["recipe.json", *names])
     assert problem in found
-
-
-def test_the_files_of_a_dataset_are_safe() -> None:
-    arrays = [array_file(name, len(field.dimensions)) for name, field in FIELDS.items()]
-    names = [*arrays, *map(metadata_file, FIELDS), *GROUP_FILES, "recipe.json", "card.md"]
-    assert unsafe_names(names) == hostile_names(names) == ()
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 
 import swarmdata
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import ChecksumError, HubError, SchemaError, SpecError
 from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.interface import Release
@@ -30,6 +31,7 @@ ID = "coop_nav-synthetic-v0"
 OTHER_ID = "coop_nav-other-v0"
 LENGTHS = [[30, 10, 70, 40, 20, 55, 5, 60, 25, 35, 80, 15, 45, 50, 65]]
 """605 joint steps."""
+WEIGHTS = [3, 1]
 
 
 @pytest.fixture(scope="module")
@@ -64,6 +66,15 @@ def whole(folder: Path) -> Dataset:
 
 def stream(host: StaticHost, **changes: Any) -> StreamedDataset:
     return swarmdata.load(f"{host.url}/{ID}", stream=Stream(**changes))
+
+
+def mixed(host: StaticHost, window: int) -> Mixture:
+    names = [f"{host.url}/{name}" for name in (ID, OTHER_ID)]
+    return swarmdata.load(names, stream=Stream(window=window), weights=WEIGHTS)
+
+
+def mixed_whole(folder: Path) -> Mixture:
+    return swarmdata.load([folder / name for name in (ID, OTHER_ID)], weights=WEIGHTS)
 
 
 def assert_same(one: Batch, other: Batch) -> None:
@@ -143,11 +154,7 @@ def test_a_window_holds_what_is_near_in_the_order_of_a_pass(host: StaticHost) ->
 def test_streams_are_mixed_as_whole_datasets_are(
     host: StaticHost, folder: Path, sizes: dict[str, int]
 ) -> None:
-    names, weights = (ID, OTHER_ID), [3, 1]
-    streamed = swarmdata.load(
-        [f"{host.url}/{name}" for name in names], stream=Stream(window=100), weights=weights
-    )
-    whole = swarmdata.load([folder / name for name in names], weights=weights)
+    streamed, whole = mixed(host, window=100), mixed_whole(folder)
     assert (streamed.id, streamed.view, streamed.spec) == (whole.id, whole.view, whole.spec)
     assert streamed.make_env(2, n_threads=1).spec == whole.spec.world
     sampler = streamed.split("train").sampler(32, seed=5, **sizes)
@@ -160,11 +167,7 @@ def test_streams_are_mixed_as_whole_datasets_are(
 def test_windows_of_mixed_streams_move_with_the_rows_of_their_part(
     host: StaticHost, folder: Path
 ) -> None:
-    names = (ID, OTHER_ID)
-    streamed = swarmdata.load(
-        [f"{host.url}/{name}" for name in names], stream=Stream(window=1), weights=[3, 1]
-    )
-    reader = swarmdata.load([folder / name for name in names], weights=[3, 1]).sampler(16)
+    streamed, reader = mixed(host, window=1), mixed_whole(folder).sampler(16)
     sampler, drawn = streamed.sampler(16, seed=2), []
     for _ in range(200):
         state, index = sampler.state_dict(), sampler.draw()
@@ -182,11 +185,8 @@ def test_windows_of_mixed_streams_move_with_the_rows_of_their_part(
     again = streamed.sampler(16, seed=2)
     again.load_state_dict(state)
     np.testing.assert_array_equal(again.draw(), drawn[-1])
-    other = swarmdata.load(
-        [f"{host.url}/{name}" for name in names], stream=Stream(window=3), weights=[3, 1]
-    )
     with pytest.raises(SchemaError, match="window_0"):
-        other.sampler(16, seed=2).load_state_dict(state)
+        mixed(host, window=3).sampler(16, seed=2).load_state_dict(state)
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import pytest
 import zarr
 
 from swarmdata.interfaces import VecEnv
-from swarmdata.registry.components import TASKS, make_env, make_task, reward_terms
+from swarmdata.registry.components import TASKS, make_env, reward_terms
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
@@ -102,12 +102,6 @@ def test_every_column_of_every_preset_is_named(name: str) -> None:
     assert shapes["states"] == (env.state_size,)
     assert shapes["actions"] == (n, env.action_size)
     check_weights(env.task)
-
-
-@pytest.mark.parametrize("task", TASKS)
-def test_every_task_names_its_own_columns(task: str) -> None:
-    extras = make_task(preset(task)).extras
-    assert all(extra.meaning and "see its rules" not in extra.meaning for extra in extras)
 
 
 def check_weights(task: Any) -> None:

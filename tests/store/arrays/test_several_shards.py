@@ -21,7 +21,7 @@ from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.pull_dataset import fetch_file, pull
 from swarmdata.store import open_store, read_manifest
 from swarmdata.store.arrays import layout
-from swarmdata.store.arrays.layout import Shard, array_file, is_array_file, plan_shard
+from swarmdata.store.arrays.layout import array_file, is_array_file, plan_shard
 from swarmdata.store.damage import find_damage
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, write_release
@@ -189,11 +189,6 @@ def test_names_of_files_are_told_from_others() -> None:
     for name in ("data.zarr/observations/c.1.0", "data.zarr/seen/c.0", "observations/c.0.0.0",
                  "data.zarr/observations/c.01.0.0", "data.zarr/observations/c.x.0.0"):  # fmt: skip
         assert not is_array_file(name), name
-
-
-def test_shards_of_one_row_each() -> None:
-    shard = Shard("float32", (5, 1024), 1, 1)
-    assert (shard.n_shards, shard.shard_chunks, shard.data_of(4)) == (5, 1, 4096)
 
 
 def test_zarr_itself_writes_our_metadata(sharded: Path, tmp_path: Path) -> None:

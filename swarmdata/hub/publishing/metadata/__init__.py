@@ -1,6 +1,5 @@
 """Metadata for search engines and viewers: an episode table, Croissant, the hub's card."""
 
-from swarmdata.hub.publishing.metadata.episode_parquet import write_episode_parquet
 from swarmdata.hub.publishing.metadata.hub_files import hub_card, metadata_files, write_beside
 
-__all__ = ["hub_card", "metadata_files", "write_beside", "write_episode_parquet"]
+__all__ = ["hub_card", "metadata_files", "write_beside"]

@@ -94,13 +94,7 @@ _TYPES = {
 
 
 def croissant(dataset: Dataset, tables: Mapping[str, bytes]) -> bytes:
-    """Returns the text of `croissant.json`.
-
-    Args:
-        dataset: the whole dataset.
-        tables: the Parquet files beside it, by path; without `episodes.parquet` there is no record
-            set.
-    """
+    """Returns `croissant.json` of a whole dataset, with a record set of the tables beside it."""
     recipe = dataset.recipe
     content = {
         "@context": _CONTEXT,

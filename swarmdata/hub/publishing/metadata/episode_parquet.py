@@ -1,14 +1,13 @@
 """The episode table as Parquet, one row per episode, for viewers, SQL and data frames."""
 
 import io
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.runtime.extras import require_extra
-from swarmdata.store import SPLITS, write_file
+from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS
 
 EPISODES_FILE = "episodes.parquet"
@@ -32,11 +31,7 @@ EPISODE_COLUMNS = {
 
 
 def arrow() -> Any:
-    """Returns the library pyarrow.
-
-    Raises:
-        MissingExtraError: it is not installed.
-    """
+    """Returns the library pyarrow, or raises MissingExtraError."""
     require_extra("pyarrow", "parquet", "Parquet")
     import pyarrow.parquet  # noqa: PLC0415  (an extra)
 
@@ -44,11 +39,7 @@ def arrow() -> Any:
 
 
 def episode_table(dataset: Dataset) -> Any:
-    """The episodes of a view as a `pyarrow.Table` with `COLUMNS`.
-
-    Raises:
-        MissingExtraError: pyarrow is not installed.
-    """
+    """The episodes of a view as a `pyarrow.Table` with `EPISODE_COLUMNS`."""
     table = dataset.episodes
     labels = np.array([source.label for source in dataset.recipe.policies], dtype=object)
     columns = {
@@ -73,15 +64,3 @@ def parquet_bytes(table: Any) -> bytes:
     buffer = io.BytesIO()
     arrow().parquet.write_table(table, buffer, compression="zstd")
     return buffer.getvalue()
-
-
-def write_episode_parquet(folder: Path) -> Path:
-    """Writes `episodes.parquet` beside a dataset's files, which stay as they are.
-
-    Raises:
-        MissingExtraError: pyarrow is not installed.
-        DatasetError: the dataset cannot be used.
-    """
-    path = folder / EPISODES_FILE
-    write_file(path, parquet_bytes(episode_table(Dataset.open(folder))))
-    return path

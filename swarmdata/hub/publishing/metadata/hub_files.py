@@ -44,9 +44,6 @@ def metadata_files(folder: Path) -> dict[str, bytes]:
 
     `episodes.parquet` with all episodes and `episodes/<split>.parquet` with those of each split,
     where pyarrow is installed (the extra `parquet`), and `croissant.json` always.
-
-    Raises:
-        DatasetError: the dataset cannot be used.
     """
     dataset = Dataset.open(folder)
     tables = _tables(dataset)
@@ -54,12 +51,7 @@ def metadata_files(folder: Path) -> dict[str, bytes]:
 
 
 def write_beside(folder: Path, out: Path) -> None:
-    """Writes what is published beside a dataset: `metadata_files`, and the Hub's `README.md`.
-
-    Raises:
-        DatasetError: the dataset cannot be used, or has no card.
-        SchemaError: its card's front matter is not YAML.
-    """
+    """Writes what is published beside a dataset: `metadata_files`, and the Hub's `README.md`."""
     for name, content in metadata_files(folder).items():
         write_file(out / name, content)
     write_file(out / README_FILE, hub_card(folder).encode())
@@ -69,24 +61,18 @@ def _tables(dataset: Dataset) -> dict[str, bytes]:
     if find_spec("pyarrow") is None:
         return {}
     table = episode_table(dataset)
-    parts = {_split_file(name): _part(table, name) for name in _splits(dataset)}
-    files = {EPISODES_FILE: table, **parts}
-    return {path: parquet_bytes(each) for path, each in files.items()}
+    parts = {_split_file(name): part for name, part in _parts(dataset, table).items()}
+    return {path: parquet_bytes(each) for path, each in ({EPISODES_FILE: table} | parts).items()}
 
 
 def _split_file(split: str) -> str:
     return f"episodes/{split}.parquet"
 
 
-def _splits(dataset: Dataset) -> list[str]:
-    """Splits that have episodes."""
-    codes = dataset.episodes.split
-    return [name for code, name in enumerate(SPLITS) if (codes == code).any()]
-
-
-def _part(table: Any, split: str) -> Any:
-    mask = [name == split for name in table.column("split").to_pylist()]
-    return table.filter(mask)
+def _parts(dataset: Dataset, table: Any) -> dict[str, Any]:
+    """The rows of each split that has episodes."""
+    masks = {name: dataset.episodes.split == code for code, name in enumerate(SPLITS)}
+    return {name: table.filter(mask) for name, mask in masks.items() if mask.any()}
 
 
 def hub_card(folder: Path) -> str:
@@ -98,7 +84,6 @@ def hub_card(folder: Path) -> str:
     Raises:
         MissingFileError: the dataset has no card.
         SchemaError: the card's front matter is not YAML.
-        DatasetError: the dataset cannot be used.
     """
     dataset = Dataset.open(folder)
     front, text = _parsed(dataset.card, dataset.path)
@@ -140,7 +125,7 @@ def _front_matter(dataset: Dataset) -> dict[str, Any]:
 
 def _configuration(dataset: Dataset) -> dict[str, Any]:
     table = episode_table(dataset)
-    parts = {name: _part(table, name) for name in _splits(dataset)}
+    parts = _parts(dataset, table)
     files = [{"split": name, "path": _split_file(name)} for name in parts]
     sizes = {name: len(parquet_bytes(part)) for name, part in parts.items()}
     splits = [

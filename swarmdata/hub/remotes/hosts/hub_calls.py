@@ -56,14 +56,7 @@ class Listed:
 
 
 class HubCalls:
-    """Requests to one Hub, each tried again while its failure may pass.
-
-    Args:
-        address: of the remote, for messages.
-        endpoint: of the Hub; None: the public one.
-        backoff: how often and after how long.
-        pace: how slow it may be; sending has no limit.
-    """
+    """Requests to one Hub, each tried again while its failure may pass."""
 
     def __init__(self, address: str, endpoint: str | None, backoff: Backoff, pace: Pace) -> None:
         self._address, self._endpoint = address, endpoint

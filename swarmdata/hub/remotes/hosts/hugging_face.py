@@ -48,11 +48,7 @@ class HubRemote:
         return self._release(dataset_id, commit)
 
     def at(self, name: str, revision: str | None = None) -> Release | None:
-        """Looks for a repository's dataset at a tag or commit; without one, the newest version.
-
-        Raises:
-            HubError: the remote could not be asked.
-        """
+        """Looks for a repository's dataset at a tag or commit; without one, the newest version."""
         if revision is None:
             versions = self._versions(name)
             if not versions:

@@ -13,7 +13,7 @@ from swarmdata.errors import AbsentFileError, HubError, quoted
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, MAX_INDEX_BYTES, read_index
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline, seconds
-from swarmdata.hub.remotes.network.connections import Network, opened, opener
+from swarmdata.hub.remotes.network.connections import opened, opener
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.outside_names import split_id
 from swarmdata.store.arrays.layout import MANIFEST
@@ -36,12 +36,11 @@ class WebRemote:
         *,
         backoff: Backoff | None = None,
         pace: Pace | None = None,
-        network: Network | None = None,
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()
         self._pace = pace or Pace.from_environment()
-        self._opener = opener(self._pace, network or Network())
+        self._opener = opener(self._pace)
 
     def find(self, dataset_id: str) -> Release | None:
         split_id(dataset_id)
@@ -95,7 +94,7 @@ class WebRemote:
                         )
                     if not _starts_at(response, first):
                         raise TransientError("the server sent another range than was asked for")
-                    content = _read_all(response, size)
+                    content = response.read(size)
             except _UnsatisfiableRangeError as error:
                 raise HubError(f"{url} has less than {first + size:,} bytes.") from error
             if len(content) != size:
@@ -176,15 +175,6 @@ def _explained(error: HTTPError, url: str) -> Exception:
 
 def _starts_at(response: Response, offset: int) -> bool:
     return (response.headers.get("Content-Range") or "").startswith(f"bytes {offset}-")
-
-
-def _read_all(response: Response, size: int) -> bytes:
-    """The body, of which `size` bytes and not more are wanted."""
-    blocks, left = [], size
-    while left and (block := response.read(min(BLOCK_BYTES, left))):
-        blocks.append(block)
-        left -= len(block)
-    return b"".join(blocks)
 
 
 def _copy(response: Response, file: BinaryIO, limit: int, url: str) -> None:

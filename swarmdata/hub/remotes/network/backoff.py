@@ -25,22 +25,14 @@ class StoppedError(BaseException):
 
 
 def check_stop() -> None:
-    """Ends the job of this thread if it is not wanted any more.
-
-    Raises:
-        StoppedError: another job failed, or the user pressed Ctrl-C.
-    """
+    """Raises `StoppedError` if another job failed, or the user pressed Ctrl-C."""
     stop = STOP_EVENT.get()
     if stop is not None and stop.is_set():
         raise StoppedError
 
 
 def pause(seconds: float) -> None:
-    """Sleeps, unless the job of this thread is not wanted any more.
-
-    Raises:
-        StoppedError: it is not.
-    """
+    """Sleeps; raises `StoppedError` as soon as the job of this thread is not wanted any more."""
     stop = STOP_EVENT.get()
     if stop is None:
         time.sleep(seconds)
@@ -86,9 +78,8 @@ class Backoff:
     def run(self, what: str, action: Callable[[], T]) -> T:
         """Returns what `action` returns, once it does not raise `TransientError`.
 
-        Args:
-            what: is done, for the message, such as "asking hf://org for its datasets".
-            action: may raise `TransientError`; every other error ends the attempts.
+        Every other error ends the attempts. `what` says in messages what is done, such as "asking
+        hf://org for its datasets".
 
         Raises:
             HubError: every attempt failed.
@@ -112,11 +103,7 @@ def seconds(text: str | None) -> float | None:
 
 
 def refuse_offline(address: str) -> None:
-    """Raises where the user has said that no network shall be used.
-
-    Raises:
-        HubError: `HF_HUB_OFFLINE` or `SWARMDATA_OFFLINE` is set.
-    """
+    """Raises HubError where the user has said that no network shall be used."""
     for name in ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE"):
         if os.environ.get(name, "").strip().upper() in ("1", "ON", "YES", "TRUE"):
             raise HubError(

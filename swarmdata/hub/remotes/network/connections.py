@@ -9,8 +9,7 @@ import contextlib
 import http.client
 import io
 import socket
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
 from ipaddress import IPv4Address, IPv6Address, ip_address, ip_network
 from typing import Any
 from urllib.error import URLError
@@ -35,31 +34,19 @@ _METADATA = frozenset({ip_address("168.63.129.16")})
 """Where a cloud tells a machine about itself, though the address is a public one (Azure)."""
 
 
-def _resolve(host: str, port: int) -> list[str]:
+def resolve(host: str, port: int) -> list[str]:
+    """IP addresses of a host, in the order in which they are tried."""
     found = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)
     return list(dict.fromkeys(str(each[4][0]) for each in found))
 
 
-def _connect(address: str, port: int, timeout: float) -> socket.socket:
+def connect(address: str, port: int, timeout: float) -> socket.socket:
+    """A connected socket."""
     return socket.create_connection((address, port), timeout)
 
 
-@dataclass(frozen=True)
-class Network:
-    """How names become addresses and addresses connections; tests replace both."""
-
-    resolve: Callable[[str, int], list[str]] = _resolve
-    """Host and port -> IP addresses, in the order in which they are tried."""
-    connect: Callable[[str, int, float], socket.socket] = _connect
-    """Address, port and seconds -> a connected socket."""
-
-
 def is_private(address: str) -> bool:
-    """Whether an IP address is not one of the public internet: loopback, link-local, private, ….
-
-    Args:
-        address: of IPv4 or IPv6, perhaps with a zone (`fe80::1%eth0`).
-    """
+    """Whether an address of IPv4 or IPv6, perhaps with a zone, is none of the public internet."""
     found = ip_address(address.partition("%")[0])
     if isinstance(found, IPv6Address):
         inner = found.ipv4_mapped or found.sixtofour
@@ -70,10 +57,9 @@ def is_private(address: str) -> bool:
     return not found.is_global or found.is_multicast or found in _METADATA
 
 
-def opener(pace: Pace, network: Network) -> OpenerDirector:
+def opener(pace: Pace) -> OpenerDirector:
     """Returns what opens URLs; `opened` uses it."""
-    redirects = _Redirects(network)
-    return build_opener(redirects, _Http(pace, network), _Https(pace, network))
+    return build_opener(_Redirects(), _Http(pace), _Https(pace))
 
 
 @contextlib.contextmanager
@@ -104,9 +90,6 @@ class _PublicRequest(Request):
 
 class _Redirects(HTTPRedirectHandler):
     """Follows redirects of HTTP, but not out of TLS, and not into private networks."""
-
-    def __init__(self, network: Network) -> None:
-        self._network = network
 
     def redirect_request(
         self, req: Request, fp: Any, code: int, msg: str, headers: Any, newurl: str
@@ -141,7 +124,7 @@ class _Redirects(HTTPRedirectHandler):
         """Of a host; none where a proxy knows the names, and this machine does not."""
         port = url.port or (443 if url.scheme == "https" else 80)
         try:
-            return self._network.resolve(url.hostname or "", port)
+            return resolve(url.hostname or "", port)
         except OSError as error:
             if _has_proxy(request):
                 return []
@@ -165,9 +148,9 @@ def _check_public(host: str, addresses: list[str]) -> None:
 class _Paced:
     """Makes connections for the handlers of `urllib.request`."""
 
-    def __init__(self, pace: Pace, network: Network) -> None:
+    def __init__(self, pace: Pace) -> None:
         super().__init__()
-        self._pace, self._network = pace, network
+        self._pace = pace
 
     def _factory(self, kind: type[http.client.HTTPConnection], request: Request) -> Any:
         """What makes a connection for a request; a proxy's own address is never checked."""
@@ -189,14 +172,14 @@ class _Paced:
 
     def _dial(self, host: str, port: int, meter: Meter, *, is_public: bool) -> socket.socket:
         """Connects to one of a host's addresses, which were checked and are not asked for again."""
-        addresses = self._network.resolve(host, port)
+        addresses = resolve(host, port)
         if is_public:
             _check_public(host, addresses)
         failure: OSError = OSError(f"{host} has no address")
         for address in addresses:
             check_stop()
             try:
-                return self._network.connect(address, port, meter.seconds_left())
+                return connect(address, port, meter.seconds_left())
             except OSError as error:
                 failure = error
         raise failure

@@ -77,7 +77,6 @@ class Meter:
     is_body: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
-        """Begins to wait for the answer."""
         self.since = self.clock()
 
     def begin_body(self) -> None:
@@ -128,13 +127,9 @@ def _called(call: Callable[[], T]) -> Future[T]:
 def run_all(
     jobs: Sequence[Callable[[], None]], n_threads: int, tick: Callable[[], None], seconds: float
 ) -> None:
-    """Runs jobs a few at a time; the first error, or Ctrl-C, stops the rest.
+    """Runs jobs in their order, `n_threads` at a time; the first error, or Ctrl-C, stops the rest.
 
-    Args:
-        jobs: in the order in which they are begun.
-        n_threads: how many run at a time.
-        tick: called again and again meanwhile, and at the end.
-        seconds: between two calls of `tick`.
+    `tick` is called every so many seconds meanwhile, and at the end.
     """
     stop = threading.Event()
     waiting, finished = deque(jobs), SimpleQueue[Future[None]]()
@@ -172,15 +167,13 @@ def run_all(
 
 
 def watched(call: Callable[[], T], meter: Meter, arrived: Callable[[], int] | None = None) -> T:
-    """Calls a client library that has no limit for slow servers.
+    """Calls a client library that has no limit for slow servers, in a thread of its own.
 
-    Args:
-        call: what to do, in a thread that is left alone once it is too slow.
-        meter: of what is expected.
-        arrived: how many bytes have arrived so far; None: there is a deadline, and no rate.
+    The thread is left alone once it is too slow. `arrived` says how many bytes have arrived so far;
+    without it there is a deadline, and no rate.
 
     Raises:
-        TooSlowError: it was.
+        TooSlowError: it was too slow.
         StoppedError: the job of this thread is not wanted any more.
     """
     finished, seen = SimpleQueue[Future[T]](), 0

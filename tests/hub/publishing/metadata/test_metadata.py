@@ -12,7 +12,7 @@ import yaml
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError
-from swarmdata.hub.publishing.metadata import hub_card, metadata_files, write_episode_parquet
+from swarmdata.hub.publishing.metadata import hub_card, metadata_files
 from swarmdata.hub.publishing.metadata.croissant import croissant
 from swarmdata.hub.publishing.metadata.episode_parquet import EPISODE_COLUMNS
 from swarmdata.interop.logs.import_logs import import_logs
@@ -49,7 +49,8 @@ def write_all(folder: Path) -> dict[str, bytes]:
 def test_the_table_has_the_episodes(folder: Path) -> None:
     dataset = Dataset.open(folder)
     digest = dataset.stored.manifest.transport_digest
-    table = parquet.read_table(write_episode_parquet(folder)).to_pydict()
+    write_all(folder)
+    table = parquet.read_table(folder / "episodes.parquet").to_pydict()
     assert list(table) == list(EPISODE_COLUMNS)
     stored = dataset.episodes
     for column in ("lengths", "seeds", "starts"):

@@ -1,6 +1,5 @@
 """The true huggingface_hub client against a hub on this machine."""
 
-import shutil
 from pathlib import Path
 
 import pytest
@@ -66,6 +65,8 @@ def test_reads_are_pinned(
 
     remote.read(release, "recipe.json", tmp_path / "out", 1 << 20)
     assert (tmp_path / "out").read_bytes() == (dataset / "recipe.json").read_bytes()
+    with pytest.raises(AbsentFileError, match=r"has no file 'card\.txt'"):
+        remote.read(release, "card.txt", tmp_path / "x", 10)
     with pytest.raises(HubError, match="not pinned"):
         remote.read(Release(ID, "hf://org/coop_nav-synthetic@v0"), "x", tmp_path / "x", 1)
     nowhere = Release(ID, f"hf://org/coop_nav-synthetic@{'0' * 40}")
@@ -102,16 +103,6 @@ def test_refusals_say_what_to_do_and_hide_the_token(
     with pytest.raises(HubError, match="hf auth login") as caught:
         remote.publish(successor, NEXT)
     assert TOKEN not in str(caught.value)
-
-
-def test_without_a_card(remote: HubRemote, hub: LoopbackHub, dataset: Path, tmp_path: Path) -> None:
-    bare = Path(shutil.copytree(dataset, tmp_path / "bare"))
-    (bare / "card.md").unlink()
-    release = remote.publish(bare, ID)
-
-    assert "card.md" not in hub.repositories[NAME].main
-    with pytest.raises(AbsentFileError):
-        remote.read(release, "card.md", tmp_path / "card.md", 1_000)
 
 
 @pytest.mark.slow

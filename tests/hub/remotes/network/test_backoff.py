@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import HubError
-from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline, seconds
+from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline
 
 
 @given(
@@ -42,13 +42,6 @@ def test_other_errors_are_not_tried_again() -> None:
         Backoff(sleep=lambda wait: pytest.fail("waited")).run("asking", action)
     with pytest.raises(ValueError, match="attempts is 0"):
         Backoff(attempts=0).run("asking", action)
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"), [(None, None), ("7", 7.0), ("-1", None), ("Sat, 21 Nov", None)]
-)
-def test_retry_after(text: str | None, expected: float | None) -> None:
-    assert seconds(text) == expected
 
 
 @pytest.mark.parametrize("value", ["0", "", "no"])

@@ -1,18 +1,17 @@
 """Redirects: followed in public and in private, never from the one into the other."""
 
 import socket
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 from swarmdata.errors import HubError
 from swarmdata.hub.remotes.addresses import parse_address
-from swarmdata.hub.remotes.hosts.folders import FolderRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
+from swarmdata.hub.remotes.network import connections
 from swarmdata.hub.remotes.network.backoff import Backoff
-from swarmdata.hub.remotes.network.connections import Network, is_private
+from swarmdata.hub.remotes.network.connections import is_private
 from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull_dataset import pull
 from tests.hub.remotes.conftest import ID, is_pulled
@@ -49,44 +48,36 @@ class Names:
     def __init__(self, **addresses: list[str]) -> None:
         self.addresses = {name.replace("_", "."): found for name, found in addresses.items()}
         self.port = 0
+        self.unknown: tuple[str, ...] = ()
         self.dialled: list[str] = []
 
     def resolve(self, host: str, port: int) -> list[str]:
+        if host in self.unknown:
+            raise socket.gaierror(-2, "Name or service not known")
         return self.addresses.get(host, [host])
 
     def connect(self, address: str, port: int, timeout: float) -> socket.socket:
         self.dialled.append(address)
         return socket.create_connection(("127.0.0.1", self.port), timeout)
 
-    @property
-    def network(self) -> Network:
-        return Network(self.resolve, self.connect)
-
 
 @pytest.fixture
-def names() -> Names:
-    return Names(
+def names(host: StaticHost, monkeypatch: pytest.MonkeyPatch) -> Names:
+    found = Names(
         data_example=[PUBLIC],
         mirror_example=[OTHER_PUBLIC],
         inside_example=["10.0.0.7"],
         sly_example=[PUBLIC, "127.0.0.1"],
         intranet_example=["192.168.0.9"],
     )
+    found.port = host.server_port
+    for name in ("resolve", "connect"):
+        monkeypatch.setattr(connections, name, getattr(found, name))
+    return found
 
 
-@pytest.fixture
-def host(dataset: Path, tmp_path: Path, names: Names) -> Iterator[StaticHost]:
-    root = tmp_path / "host"
-    root.mkdir()
-    FolderRemote(f"file://{root}").publish(dataset, ID)
-    with StaticHost(root) as server:
-        names.port = server.server_port
-        yield server
-
-
-def remote(names: Names, address: str) -> WebRemote:
-    backoff = Backoff(attempts=1)
-    return WebRemote(address, backoff=backoff, pace=Pace(5.0, 100.0, 5.0), network=names.network)
+def remote(address: str) -> WebRemote:
+    return WebRemote(address, backoff=Backoff(attempts=1), pace=Pace(5.0, 100.0, 5.0))
 
 
 def redirect(host: StaticHost, to: str) -> None:
@@ -98,14 +89,14 @@ def redirect(host: StaticHost, to: str) -> None:
 def test_names_are_resolved_once_and_connected_to_what_was_found(
     host: StaticHost, names: Names
 ) -> None:
-    assert remote(names, "http://data.example").find(ID) is not None
+    assert remote("http://data.example").find(ID) is not None
     assert names.dialled == [PUBLIC]
 
 
 def test_a_remote_at_an_address_of_ipv6(
     host: StaticHost, names: Names, dataset: Path, tmp_path: Path
 ) -> None:
-    found = remote(names, parse_address(f"http://[2001:db8::7]:8080/{ID}").remote)
+    found = remote(parse_address(f"http://[2001:db8::7]:8080/{ID}").remote)
     release = found.find(ID)
     assert release == Release(ID, f"http://[2001:db8::7]:8080/{ID}")
     assert is_pulled(pull(found, release, tmp_path / ID, progress=False), dataset)
@@ -116,7 +107,7 @@ def test_a_public_remote_may_redirect_to_a_public_one(
     host: StaticHost, names: Names, dataset: Path, tmp_path: Path
 ) -> None:
     redirect(host, "http://mirror.example")
-    found = remote(names, "http://data.example")
+    found = remote("http://data.example")
     release = found.find(ID)
     assert release == Release(ID, f"http://data.example/{ID}")
     assert names.dialled == [PUBLIC, OTHER_PUBLIC]
@@ -135,10 +126,10 @@ def test_a_public_remote_may_not_lead_into_a_private_network(
 ) -> None:
     redirect(host, target)
     with pytest.raises(HubError, match="not an address of the public internet"):
-        remote(names, "http://data.example").find(ID)
+        remote("http://data.example").find(ID)
     assert names.dialled == [PUBLIC], "nobody in there was asked"
     redirect(host, target)
-    found, release = remote(names, "http://data.example"), Release(ID, f"http://data.example/{ID}")
+    found, release = remote("http://data.example"), Release(ID, f"http://data.example/{ID}")
     with pytest.raises(HubError, match="not an address of the public internet"):
         pull(found, release, tmp_path / ID, progress=False)
     assert set(names.dialled) == {PUBLIC}
@@ -152,23 +143,23 @@ def test_nor_over_a_public_mirror(host: StaticHost, names: Names) -> None:
         Fault("GET .*manifest", 302, {"Location": f"http://inside.example/{to}"}, times=1),
     ]
     with pytest.raises(HubError, match=r"leads to inside\.example at 10\.0\.0\.7"):
-        remote(names, "http://data.example").find(ID)
+        remote("http://data.example").find(ID)
     assert names.dialled == [PUBLIC, OTHER_PUBLIC]
 
 
 def test_nor_by_a_name_that_changes_between_the_check_and_the_connection(
-    host: StaticHost, names: Names
+    host: StaticHost, names: Names, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     answers = iter([[OTHER_PUBLIC], ["127.0.0.1"]])
     resolve = names.resolve
-    network = Network(
-        lambda name, port: next(answers) if name == "mirror.example" else resolve(name, port),
-        names.connect,
-    )
+
+    def rebound(name: str, port: int) -> list[str]:
+        return next(answers) if name == "mirror.example" else resolve(name, port)
+
+    monkeypatch.setattr(connections, "resolve", rebound)
     redirect(host, "http://mirror.example")
-    rebound = WebRemote("http://data.example", backoff=Backoff(attempts=1), network=network)
     with pytest.raises(HubError, match=r"leads to mirror\.example at 127\.0\.0\.1"):
-        rebound.find(ID)
+        remote("http://data.example").find(ID)
     assert names.dialled == [PUBLIC]
 
 
@@ -177,7 +168,7 @@ def test_a_private_remote_may_redirect_where_it_likes(
     host: StaticHost, names: Names, target: str
 ) -> None:
     redirect(host, target)
-    assert remote(names, "http://intranet.example").find(ID) is not None
+    assert remote("http://intranet.example").find(ID) is not None
     assert len(names.dialled) == 2
 
 
@@ -188,11 +179,11 @@ def test_a_private_remote_may_redirect_where_it_likes(
 def test_only_the_web_is_followed(host: StaticHost, names: Names, target: str, start: str) -> None:
     redirect(host, target)
     with pytest.raises(HubError):
-        remote(names, start).find(ID)
+        remote(start).find(ID)
     assert names.dialled == [PUBLIC]
 
 
-def test_every_address_of_a_name_is_tried(host: StaticHost, names: Names) -> None:
+def test_every_address_of_a_name_is_tried(names: Names, monkeypatch: pytest.MonkeyPatch) -> None:
     names.addresses["data.example"] = ["198.41.0.5", PUBLIC]
     connect = names.connect
 
@@ -201,8 +192,8 @@ def test_every_address_of_a_name_is_tried(host: StaticHost, names: Names) -> Non
             raise ConnectionRefusedError
         return connect(address, port, timeout)
 
-    network = Network(names.resolve, some)
-    found = WebRemote("http://data.example", backoff=Backoff(attempts=1), network=network)
+    monkeypatch.setattr(connections, "connect", some)
+    found = remote("http://data.example")
     assert found.find(ID) is not None
     names.addresses["data.example"] = []
     with pytest.raises(HubError, match="no connection to"):
@@ -214,23 +205,15 @@ def test_a_redirect_to_no_address_is_one_error(host: StaticHost, names: Names, t
     """Row 70: malformed addresses."""
     redirect(host, target)
     with pytest.raises(HubError, match="redirects to an address that is none"):
-        remote(names, "http://data.example").find(ID)
+        remote("http://data.example").find(ID)
 
 
 def test_a_redirect_to_an_unknown_name_is_one_error(host: StaticHost, names: Names) -> None:
     """Row 70: it may be known later."""
-    resolve = names.resolve
-
-    def some(name: str, port: int) -> list[str]:
-        if name == "nowhere.example":
-            raise socket.gaierror(-2, "Name or service not known")
-        return resolve(name, port)
-
+    names.unknown = ("nowhere.example",)
     redirect(host, "http://nowhere.example")
-    network = Network(some, names.connect)
-    found = WebRemote("http://data.example", backoff=Backoff(attempts=1), network=network)
     with pytest.raises(HubError, match="Name or service not known"):
-        found.find(ID)
+        remote("http://data.example").find(ID)
 
 
 @pytest.fixture
@@ -239,16 +222,9 @@ def behind_a_proxy(host: StaticHost, names: Names, monkeypatch: pytest.MonkeyPat
     for name in ("NO_PROXY", "no_proxy"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("http_proxy", f"http://me:s3cret@proxy.example:{host.server_port}")
-
-    def some(name: str, port: int) -> list[str]:
-        if name.endswith("proxy.example"):
-            return ["10.0.0.9"]
-        if name.endswith(".example"):
-            raise socket.gaierror(-2, "Name or service not known")
-        return [name]
-
-    network = Network(some, names.connect)
-    return WebRemote("http://data.example", backoff=Backoff(attempts=1), network=network)
+    names.unknown = ("data.example", "mirror.example")
+    names.addresses["proxy.example"] = ["10.0.0.9"]
+    return remote("http://data.example")
 
 
 def test_a_proxy_knows_the_names(host: StaticHost, names: Names, behind_a_proxy: WebRemote) -> None:
