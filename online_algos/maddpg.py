@@ -57,7 +57,7 @@ from swarmdata.learn.networks.network_inputs import (
     restore_generators,
     uniform_like,
 )
-from swarmdata.learn.networks.optimizer import Descent, linear
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Team
@@ -245,8 +245,7 @@ class MADDPG(OffPolicy):
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
 
     def new_learner(self) -> Learner:
-        moments = self.collector.moments
-        return Learner(self.collector.sizes, moments, self.seeds, self.config)
+        return Learner(self.worlds.sizes, self.moments, self.seeds, self.config)
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
@@ -272,7 +271,7 @@ class MADDPG(OffPolicy):
             CheckpointError: the actors do not fit.
         """
         actor_of(start, squash=True)
-        self.collector.moments = start.moments(len(self.seeds))
+        self.moments = start.moments(len(self.seeds))
         self.learner = self.new_learner()
         actors = self.learner.actors
         for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
@@ -281,32 +280,25 @@ class MADDPG(OffPolicy):
         self.learner.target_actors.load(actors.network.flat)
         return load_critics(self.learner.critics, start, self.seeds)
 
-    def update(self) -> dict[str, Tensor]:
-        """One round of acting and learning; returns losses, each [K], NaN before learning began."""
-        return self.collector.round(self._act, self._learn, Learner.LOSSES)
-
-    @torch.no_grad()
-    def _act(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+    def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         actions = self.learner.actions(observations)
         is_warm = self.frames >= self.config.warmup_transitions
         if not is_warm and self.config.warmup_actions == "random":
-            actions = 2 * uniform_like(self.collector.acting, actions) - 1
+            actions = 2 * uniform_like(self.acting, actions) - 1
         else:
-            deviation = self.schedule.at(self.collector.progress)
-            actions = gaussian(self.collector.acting, actions, deviation)
+            actions = gaussian(self.acting, actions, self.schedule.at(self.progress))
         return actions, actions
 
-    def _learn(self, batch: Batch) -> dict[str, Tensor]:
-        factor = linear(self.collector.progress, self.config.final_learning_rate_factor)
-        return self.learner.update(batch, factor)
+    def learn(self, batch: Batch, scale: float) -> dict[str, Tensor]:
+        return self.learner.update(batch, scale)
 
     def policy(self, index: int) -> TorchPolicy:
-        mean, std = self.collector.inputs_of(index)
+        mean, std = self.inputs_of(index)
         return TorchPolicy(
             layers=self.learner.actors.extract(index),
             observation_mean=mean,
             observation_std=std,
             squash=True,
-            frame=self.collector.frame,
+            frame=self.frame,
             parameters=self.config.parameters,
         )

@@ -74,10 +74,6 @@ def check_spec(data: Data, spec: TaskSpec) -> None:
         )
 
 
-Stored = Callable[[Tensor], Tensor]
-"""What an algorithm stores of actions in [-1, 1]."""
-
-
 class RecordedRows:
     """Endless seeded streams of recorded transitions, one for each seed.
 
@@ -87,7 +83,7 @@ class RecordedRows:
         seeds: of the runs, [K].
         batch_size: rows of a whole batch.
         share: the part of them that is recorded; at least one row of each kind is drawn.
-        stored: what the algorithm stores of actions; None: themselves.
+        stored: gives what the algorithm stores of actions in [-1, 1].
     """
 
     def __init__(
@@ -97,7 +93,7 @@ class RecordedRows:
         seeds: Sequence[int],
         batch_size: int,
         share: float,
-        stored: Stored | None = None,
+        stored: Callable[[Tensor], Tensor],
     ) -> None:
         self._stored = stored
         self.n_rows = min(max(round(share * batch_size), 1), batch_size - 1)
@@ -108,8 +104,6 @@ class RecordedRows:
         """Returns the next rows, tensors [K, n_rows, ...], not normalized."""
         index = np.stack([sampler.draw() for sampler in self._samplers])
         batch = self._samplers[0].gather(index).to_torch()
-        if self._stored is None:
-            return batch
         return replace(batch, actions=self._stored(batch.actions))
 
     def state_dict(self) -> dict[str, Tensor]:

@@ -25,11 +25,11 @@ SMALL: dict[str, Any] = {
 
 def values_of(run: Any) -> tuple[Any, Any]:
     """Values of a batch from the replay, [B], and its states as recorded, [B, S]."""
-    batch = run.collector._draw()
+    batch = run.draw()
     if isinstance(run, MADDPG):
         x = run.learner.critics.view(batch.states, batch.observations)
         return run.learner.critics.q(x, batch.actions).detach()[0, 0].mean(-1), batch.states[0]
-    seen = run.collector.normalized(batch)
+    seen = run.normalized(batch)
     return run.learner.value(seen.observations, seen.states, seen.actions)[0, 0], batch.states[0]
 
 

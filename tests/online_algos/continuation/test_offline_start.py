@@ -182,7 +182,7 @@ def test_a_batch_has_its_share_of_recorded_rows(
     data = Dataset.open(dataset)
     run.mix_in(data, 0.25)
     run.update()
-    batch = run.collector._draw()
+    batch = run.draw()
     assert len(batch.actions[0]) == 8
     rows = data.transitions()["rewards"]
     known = [bool((rows == reward.numpy()).all(-1).any()) for reward in batch.rewards[0]]
@@ -288,7 +288,7 @@ def test_robots_have_the_values_of_the_offline_run(
     online, sentences = started(run, tmp_path / "replay")
     assert sentences == []
     online.update()
-    batch = online.collector._draw()
+    batch = online.draw()
     online, _ = started(run, tmp_path / "again")
     mine = online.learner.critics
     ours, others = mine.view(batch.states, batch.observations), batch.actions
