@@ -13,9 +13,9 @@ x_i = (o_i, i, s) for what the critics see of robot i besides the actions of all
 "decentralized" sees (o_i, i, a_i) only.
 
 Started from an offline run (`continuation.offline_start`), it goes on with its actors, and with its
-critics if they are of each robot's own reward (`continuation.offline_start`). The actors rest in
-the first `critic_warmup_updates`, in which critics learn what the present actors are worth: those
-of a second stage value the actors of the first one, and new ones know nothing.
+critics if they are of each robot's own reward. The actors rest in the first
+`critic_warmup_updates`, in which critics learn what the present actors are worth: those of a second
+stage value the actors of the first one, and new ones know nothing.
 
 Deviations:
 - The critics are those of `offline_algos.maddpg_bc`: one network gives the N values in N rows, and
@@ -74,9 +74,9 @@ from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
     as_text,
-    checked_actors,
     frame_name,
     hidden_sizes,
+    load_actors,
     load_critics,
     robot_critics_of,
     settings_of_critics,
@@ -249,11 +249,7 @@ class MADDPG(OffPolicy):
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """Returns the settings of the run's actors, and `WHEN_STARTED`.
-
-        Raises:
-            CheckpointError: the run's policies are no actors that pass through tanh.
-        """
+        """Returns the settings of the run's actors, and `WHEN_STARTED`."""
         actor, critics = actor_of(start, squash=True), robot_critics_of(start)
         values = {} if isinstance(critics, str) else settings_of_critics(start, critics)
         return {
@@ -265,19 +261,12 @@ class MADDPG(OffPolicy):
         }
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors, their inputs' statistics, and critics that fit; tells if none do.
-
-        Raises:
-            CheckpointError: the actors do not fit.
-        """
-        actor_of(start, squash=True)
+        """Takes over actors, their inputs' statistics, and critics that fit; tells if none do."""
         self.moments = start.moments(len(self.seeds))
         self.learner = self.new_learner()
-        actors = self.learner.actors
-        for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
-            rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
-            actors.network.load_layers(rows, actor.layers)
-        self.learner.target_actors.load(actors.network.flat)
+        network = self.learner.actors.network
+        load_actors(start, self.seeds, self.policy(0), network)
+        self.learner.target_actors.load(network.flat)
         return load_critics(self.learner.critics, start, self.seeds)
 
     def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:

@@ -204,11 +204,7 @@ class VDN(OffPolicy):
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """Returns the settings of the run's networks and values, and `WHEN_STARTED`.
-
-        Raises:
-            CheckpointError: the run's policies do not act by the utilities of bins alone.
-        """
+        """Returns the settings of the run's networks and values, and `WHEN_STARTED`."""
         policy = _started_policy(start, start.run.seeds[0])
         n_rows = 1 if policy.parameters == "shared" else start.run.n_agents
         return {
@@ -224,14 +220,7 @@ class VDN(OffPolicy):
         }
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over utility networks, their inputs' statistics, and a mixer that fits.
-
-        Returns:
-            A sentence about each thing that does not fit.
-
-        Raises:
-            CheckpointError: the utility networks do not fit.
-        """
+        """Takes over utility networks, their inputs' statistics, and a mixer that fits."""
         team, descent = self.learner.team, self.learner.descent
         policies = [_started_policy(start, seed) for seed in self.seeds]
         check_fit(start, "utility networks", self.policy(0), policies[0])
