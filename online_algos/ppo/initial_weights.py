@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -222,17 +222,6 @@ WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
 The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
 
 
-class HasActors(Protocol):
-    """MAPPO, or an algorithm like it."""
-
-    seeds: tuple[int, ...]
-    actors: Actors
-
-    @property
-    def config(self) -> Any: ...
-    def policy(self, index: int) -> TorchPolicy: ...
-
-
 def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
     """Returns the settings of the run's actors, and `WHEN_STARTED`.
 
@@ -253,8 +242,8 @@ def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, s
     }  # fmt: skip
 
 
-def start_from(self: HasActors, start: OfflineStart) -> list[str]:
-    """Takes over actors and the statistics of their inputs.
+def start_from(self: Any, start: OfflineStart) -> list[str]:
+    """Takes over actors and the statistics of their inputs; a method of `MAPPO`.
 
     Raises:
         CheckpointError: the actors do not fit.
@@ -265,7 +254,7 @@ def start_from(self: HasActors, start: OfflineStart) -> list[str]:
             f"the settings start.* name other policies or a teacher, but training starts from "
             f"{start.name}; leave one of them out"
         )
-    actors = self.actors
+    actors: Actors = self.actors
     load_actors(start, self.seeds, self.policy(0), actors.network)
     actors.input_mean, actors.input_std = start.moments(len(self.seeds))[:2]
     return [f"The critic begins anew: {start.run.algorithm} has none of mappo's kind."]

@@ -12,11 +12,10 @@ from tests.support.pairs import every, slow
 NAVIGATION = [name for name in preset_names() if isinstance(preset(name).rules, NavigationRules)]
 CROSSED = {"success": 0.85}, {"robot_collisions": 0.1, "obstacle_collisions": 0.1}
 DELIVERED = {"success": 0.75}, {"deadlocks": 0.1, "robot_collisions": 0.2}
-FORMED = {"success": 0.8, "clean_success": 0.7}, {}
 
 
-def solved(least: float) -> tuple[dict[str, float], dict[str, float]]:
-    return {"success": least}, {}
+def solved(least: float, **others: float) -> tuple[dict[str, float], dict[str, float]]:
+    return {"success": least, **others}, {}
 
 
 PRESETS = [
@@ -28,9 +27,9 @@ PRESETS = [
     ("transport-n3", 12, *solved(0.8)),
     ("transport-n8", 8, *solved(0.8)),
     ("transport-hard", 16, *solved(0.6)),
-    ("formation-unicycle", 20, *FORMED),
-    *slow(("formation", 20, *FORMED), ("formation-n8", 20, *FORMED)),
-    ("coop_nav", 64, {"success": 0.95, "clean_success": 0.9}, {}),
+    ("formation-unicycle", 20, *solved(0.8, clean_success=0.7)),
+    *slow(*((f"formation{kind}", 20, *solved(0.8, clean_success=0.7)) for kind in ("", "-n8"))),
+    ("coop_nav", 64, *solved(0.95, clean_success=0.9)),
     *slow(("search", 15, *solved(0.8))),
 ]
 
