@@ -15,7 +15,6 @@ elementwise IEEE arithmetic, the same everywhere. The assumptions of the proof a
 file is loaded. A kernel may return a zero of either sign; adding +0 makes it +0.
 """
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -60,13 +59,6 @@ class Actor(NamedTuple):
     n_agents: int  # N if a one-hot robot index follows, else 0
     frame: Frame | None  # in which it observes and acts; None for the world's
     squash: bool = False  # whether its outputs pass through tanh
-
-
-class Saved(NamedTuple):
-    """Digest and rounding error of a saved actor."""
-
-    sha256: str  # of the file, hex
-    max_rounding_error: float  # largest change of a weight or bias, at most 2^-13
 
 
 def forward(actor: Actor, observations: Float) -> Double:
@@ -116,10 +108,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     The tensors are `input.mean` and `input.scale` [O], and for each layer, from 0,
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
     with the one-hot index of the robot appended. An actor with a frame also has `frame.anchor` [1],
-    `frame.vectors` [V] and `frame.closing` [C, 2], and `frame.heard` [H, 3] if it receives
-    messages, and `frame.body` [1] if its commands do not turn; O then counts the features that its
-    frame adds. An actor with `output.tanh` [1] has
-    outputs that pass through tanh.
+    `frame.vectors` [V], `frame.closing` [C, 2] and perhaps `frame.heard` [H, 3]; O then counts the
+    features that its frame adds.
 
     Raises:
         CheckpointError: the file is not an actor, or is outside the bounds of exact inference.
@@ -159,19 +149,14 @@ def _frame(tensors: dict[str, Double], source: str, *, turns_commands: bool) -> 
     """Returns the frame in a file's tensors, None if there is none."""
     if not tensors:
         return None
-    parts = {HEARD_TENSOR: np.empty((0, 3)), **tensors}
+    names, parts = (*FRAME_TENSORS, HEARD_TENSOR), {HEARD_TENSOR: np.empty((0, 3)), **tensors}
     shapes = {name: part.shape for name, part in parts.items()}
-    ends = [
-        shape[1:] for shape in map(shapes.get, (*FRAME_TENSORS, HEARD_TENSOR)) if shape is not None
-    ]
-    if ends != [(), (), (2,), (3,)]:
+    if [shapes[name][1:] for name in names if name in shapes] != [(), (), (2,), (3,)]:
         raise CheckpointError(
             f"{source} has frame tensors {shapes}, expected frame.anchor [1], frame.vectors [V], "
             "frame.closing [C, 2] and, if it receives messages, frame.heard [H, 3]."
         )
-    anchor, vectors, closing, heard = (
-        parts[name].astype(int).tolist() for name in (*FRAME_TENSORS, HEARD_TENSOR)
-    )
+    anchor, vectors, closing, heard = (parts[name].astype(int).tolist() for name in names)
     return Frame(
         anchor[0], tuple(vectors), tuple(map(tuple, closing)), tuple(map(tuple, heard)),
         turns_commands=turns_commands,
@@ -235,8 +220,8 @@ def save_actor(
     frame: Frame | None = None,
     *,
     squash: bool = False,
-) -> Saved:
-    """Rounds a network to the grid of 2^-12 and writes it as a checkpoint.
+) -> None:
+    """Rounds a network to the grid of 2^-12, by at most 2^-13, and writes it as a checkpoint.
 
     Args:
         path: the file to write; an existing file is replaced.
@@ -247,19 +232,18 @@ def save_actor(
         frame: in which the network observes and acts; None for the world's.
         squash: whether the outputs pass through tanh.
 
-    Returns:
-        The digest of the file and the largest rounding error.
-
     Raises:
         CheckpointError: the network cannot be run exactly, for example because |weight| > 8.
     """
     exact = [(_snap(weight), _snap(bias)) for weight, bias in layers]
-    tensors = {"input.mean": _float32(mean), "input.scale": _float32(scale)}
-    for i, (weight, bias) in enumerate(exact):
-        tensors[f"layers.{i}.weight"] = np.ascontiguousarray(
-            weight * STEPS_PER_UNIT, dtype=np.int16
-        )
-        tensors[f"layers.{i}.bias"] = np.ascontiguousarray(bias * STEPS_PER_UNIT, dtype=np.int16)
+    tensors: dict[str, NDArray[Any]] = {
+        name: np.ascontiguousarray(values, dtype=np.float32)
+        for name, values in (("input.mean", mean), ("input.scale", scale))
+    }
+    for i, layer in enumerate(exact):
+        for part, values in zip(("weight", "bias"), layer, strict=True):
+            steps = np.ascontiguousarray(values * STEPS_PER_UNIT, dtype=np.int16)
+            tensors[f"layers.{i}.{part}"] = steps
     if frame is not None:
         indices = ([frame.anchor], frame.vectors, frame.closing)
         tensors |= {k: np.array(v, np.int32) for k, v in zip(FRAME_TENSORS, indices, strict=True)}
@@ -274,17 +258,10 @@ def save_actor(
     data = save(tensors)
     load_actor(data, n_agents, str(path))
     write_file(path, data)
-    pairs = zip(exact, layers, strict=True)
-    changes = [np.abs(new - old).max() for pair in pairs for new, old in zip(*pair, strict=True)]
-    return Saved(hashlib.sha256(data).hexdigest(), float(max(changes)))
 
 
 def _snap(values: NDArray[np.floating]) -> Double:
     return np.round(values.astype(np.float64) * STEPS_PER_UNIT) / STEPS_PER_UNIT
-
-
-def _float32(values: NDArray[np.floating]) -> Float:
-    return np.ascontiguousarray(values, dtype=np.float32)
 
 
 def _values(array: NDArray[Any]) -> Double:

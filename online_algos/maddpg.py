@@ -13,9 +13,9 @@ x_i = (o_i, i, s) for what the critics see of robot i besides the actions of all
 "decentralized" sees (o_i, i, a_i) only.
 
 Started from an offline run (`continuation.offline_start`), it goes on with its actors, and with its
-critics if they are of each robot's own reward (`continuation.offline_start`). The actors rest in
-the first `critic_warmup_updates`, in which critics learn what the present actors are worth: those
-of a second stage value the actors of the first one, and new ones know nothing.
+critics if they are of each robot's own reward. The actors rest in the first
+`critic_warmup_updates`, in which critics learn what the present actors are worth: those of a second
+stage value the actors of the first one, and new ones know nothing.
 
 Deviations:
 - The critics are those of `offline_algos.maddpg_bc`: one network gives the N values in N rows, and
@@ -57,7 +57,7 @@ from swarmdata.learn.networks.network_inputs import (
     restore_generators,
     uniform_like,
 )
-from swarmdata.learn.networks.optimizer import Descent, linear
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Team
@@ -74,9 +74,9 @@ from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
     as_text,
-    checked_actors,
     frame_name,
     hidden_sizes,
+    load_actors,
     load_critics,
     robot_critics_of,
     settings_of_critics,
@@ -245,16 +245,11 @@ class MADDPG(OffPolicy):
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
 
     def new_learner(self) -> Learner:
-        moments = self.collector.moments
-        return Learner(self.collector.sizes, moments, self.seeds, self.config)
+        return Learner(self.worlds.sizes, self.moments, self.seeds, self.config)
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """Returns the settings of the run's actors, and `WHEN_STARTED`.
-
-        Raises:
-            CheckpointError: the run's policies are no actors that pass through tanh.
-        """
+        """Returns the settings of the run's actors, and `WHEN_STARTED`."""
         actor, critics = actor_of(start, squash=True), robot_critics_of(start)
         values = {} if isinstance(critics, str) else settings_of_critics(start, critics)
         return {
@@ -266,47 +261,33 @@ class MADDPG(OffPolicy):
         }
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors, their inputs' statistics, and critics that fit; tells if none do.
-
-        Raises:
-            CheckpointError: the actors do not fit.
-        """
-        actor_of(start, squash=True)
-        self.collector.moments = start.moments(len(self.seeds))
+        """Takes over actors, their inputs' statistics, and critics that fit; tells if none do."""
+        self.moments = start.moments(len(self.seeds))
         self.learner = self.new_learner()
-        actors = self.learner.actors
-        for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
-            rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
-            actors.network.load_layers(rows, actor.layers)
-        self.learner.target_actors.load(actors.network.flat)
+        network = self.learner.actors.network
+        load_actors(start, self.seeds, self.policy(0), network)
+        self.learner.target_actors.load(network.flat)
         return load_critics(self.learner.critics, start, self.seeds)
 
-    def update(self) -> dict[str, Tensor]:
-        """One round of acting and learning; returns losses, each [K], NaN before learning began."""
-        return self.collector.round(self._act, self._learn, Learner.LOSSES)
-
-    @torch.no_grad()
-    def _act(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+    def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         actions = self.learner.actions(observations)
         is_warm = self.frames >= self.config.warmup_transitions
         if not is_warm and self.config.warmup_actions == "random":
-            actions = 2 * uniform_like(self.collector.acting, actions) - 1
+            actions = 2 * uniform_like(self.acting, actions) - 1
         else:
-            deviation = self.schedule.at(self.collector.progress)
-            actions = gaussian(self.collector.acting, actions, deviation)
+            actions = gaussian(self.acting, actions, self.schedule.at(self.progress))
         return actions, actions
 
-    def _learn(self, batch: Batch) -> dict[str, Tensor]:
-        factor = linear(self.collector.progress, self.config.final_learning_rate_factor)
-        return self.learner.update(batch, factor)
+    def learn(self, batch: Batch, scale: float) -> dict[str, Tensor]:
+        return self.learner.update(batch, scale)
 
     def policy(self, index: int) -> TorchPolicy:
-        mean, std = self.collector.inputs_of(index)
+        mean, std = self.inputs_of(index)
         return TorchPolicy(
             layers=self.learner.actors.extract(index),
             observation_mean=mean,
             observation_std=std,
             squash=True,
-            frame=self.collector.frame,
+            frame=self.frame,
             parameters=self.config.parameters,
         )

@@ -65,9 +65,9 @@ from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.collection.input_moments import measure_moments
 from swarmdata.online_algos.collection.training_worlds import (
     Worlds,
-    pack_generators,
+    pack,
     standard_normal,
-    unpack_generators,
+    unpack,
 )
 from swarmdata.online_algos.ppo.initial_weights import (
     StartConfig,
@@ -77,7 +77,6 @@ from swarmdata.online_algos.ppo.initial_weights import (
 )
 from swarmdata.online_algos.ppo.networks import (
     Actors,
-    ActorWeights,
     Critic,
     LearnedDeviation,
     fill_values,
@@ -99,7 +98,12 @@ from swarmdata.types import Bool, Float, copy_step
 
 @dataclass(frozen=True)
 class MAPPOConfig:
-    """Hyperparameters; steps are joint steps of one seed's worlds."""
+    """Hyperparameters; steps are joint steps of one seed's worlds.
+
+    Raises:
+        SpecError: the correlation is not in [0, 1), the entropy is a constant, or a memory does not
+            go with other settings.
+    """
 
     n_steps: int = 2_000_000
     n_copies: int = 64  # for each seed
@@ -131,12 +135,6 @@ class MAPPOConfig:
     start: StartConfig = StartConfig()  # noqa: RUF009 - frozen
 
     def __post_init__(self) -> None:
-        """Checks the correlation, that an entropy bonus can act, and the memory.
-
-        Raises:
-            SpecError: the correlation is not in [0, 1), the entropy is a constant, or a memory does
-                not go with other settings.
-        """
         if not 0.0 <= self.noise_correlation < 1.0:
             raise SpecError(
                 f"noise_correlation is {self.noise_correlation:g}, expected at least 0, below 1"
@@ -240,11 +238,11 @@ class MAPPO:
 
     def prepare(self) -> bool:
         """Gives the actors the weights of `config.start`; returns whether a teacher was cloned."""
-        weights = initial_weights(
-            self.config.start, self.actors, self.worlds, self.generators, self.seeds
+        start = self.config.start
+        self.actors.load(
+            initial_weights(start, self.actors, self.worlds, self.generators, self.seeds)
         )
-        self.actors.load(weights)
-        return self.config.start.has_teacher
+        return start.has_teacher
 
     def update(self) -> dict[str, Tensor]:
         """One rollout and its gradient steps.
@@ -302,14 +300,7 @@ class MAPPO:
     def _descend(
         self, r: Rollout, advantages: Float, returns: Float, old: Float
     ) -> dict[str, Tensor]:
-        """Epochs of minibatches; the actors and the critic draw their own.
-
-        Args:
-            r: the rollout.
-            advantages: of its actions, [T, K, E, N].
-            returns: standardized, [T, K, E, N].
-            old: outputs of the critic that the values were made of, [T, K, E, N].
-        """
+        """Epochs of minibatches; the actors and the critic draw their own; all [T, K, E, N]."""
         c = self.config
         of_actors = self.actors.seen(r) + [
             sample_segments(torch.from_numpy(x), c.parameters, self.actors.window)
@@ -327,14 +318,7 @@ class MAPPO:
         return losses
 
     def _actor_epoch(self, samples: Sequence[Tensor]) -> dict[str, Tensor]:
-        """One pass over what was seen, actions, their log-probabilities and advantages.
-
-        Args:
-            samples: segments of all of them, [R, segments, ...].
-
-        Returns:
-            The last losses, [K].
-        """
+        """One pass over segments [R, segments, ...] as of `_descend`; the last losses, [K]."""
         c, n_seeds, learned = self.config, len(self.seeds), self.deviation
         size = c.minibatch // self.actors.window
         for rows in minibatches(self.generators, samples[0].shape[1], self.actors.n_rows, size):
@@ -387,27 +371,27 @@ class MAPPO:
 
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes, as tensors."""
-        weights = self.actors.weights
         return {
             **self.actor_descent.state_dict(),
             **self.critic_descent.state_dict(),
             **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
-            "input.mean": torch.from_numpy(weights.input_mean),
-            "input.std": torch.from_numpy(weights.input_std),
+            "input.mean": torch.from_numpy(self.actors.input_mean.copy()),
+            "input.std": torch.from_numpy(self.actors.input_std.copy()),
             "scale": self.critic.scale.tensor(),
             "frames": torch.tensor(self.frames),
-            "generators": pack_generators(self.generators),
+            "generators": pack([generator.bit_generator.state for generator in self.generators]),
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Restores what `state_dict` returned and begins new episodes."""
-        moments = (state[name].numpy() for name in ("input.mean", "input.std"))
-        self.actors.load(ActorWeights(state["actor"], *moments))
+        self.actors.input_mean = state["input.mean"].numpy().copy()
+        self.actors.input_std = state["input.std"].numpy().copy()
         self.actor_descent.load_state_dict(state)
         self.critic_descent.load_state_dict(state)
         self.critic.scale.moments = state["scale"].numpy().copy()
         self.frames = int(state["frames"])
-        unpack_generators(state["generators"], self.generators)
+        for generator, known in zip(self.generators, unpack(state["generators"]), strict=True):
+            generator.bit_generator.state = known
         self.worlds.load_state_dict(part(state, "worlds"))
         self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 

@@ -9,6 +9,9 @@ double Q-learning (van Hasselt et al. 2016, equation 4):
     y     = r + gamma (1 - termination) Q'_tot(o', u')     valued by the targets
     L     = Huber(Q_tot(o, u) - y)
 
+A training that starts from an offline run has its utility networks, two for each seed with
+LayerNorm, and its mixer if it fits.
+
 Deviations:
 - The mean over robots instead of the sum: the team reward is a mean too, so that values keep their
   scale in teams of any size. The greedy choices are the same.
@@ -24,28 +27,31 @@ from pathlib import Path
 import torch
 from torch import Tensor
 
+from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.network_inputs import information
-from swarmdata.learn.networks.optimizer import Descent, linear
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import huber_error, td_target, team_reward
-from swarmdata.learn.policies.choice_policy import BinPolicy
-from swarmdata.learn.training.training_data import Data
+from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.online_algos.collection.replay_collection import (
     LinearSchedule,
     OffPolicy,
     ReplaySettings,
     epsilon_greedy,
 )
-from swarmdata.online_algos.continuation import started_utilities
-from swarmdata.online_algos.continuation.offline_start import OfflineStart
+from swarmdata.online_algos.continuation.offline_start import (
+    OfflineStart,
+    as_text,
+    check_fit,
+    frame_name,
+    hidden_sizes,
+)
 from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
-
-LOSSES = ("td_loss", "q", "target")
 
 UTILITY_STREAM, MIXER_STREAM = 0, 1
 """Streams of a seed's initial parameters."""
@@ -171,12 +177,17 @@ def greedy_choices(utilities: Tensor) -> Tensor:
     return bins.greedy(utilities.mean(1))
 
 
+WHEN_STARTED = {"epsilon": "0.1"}
+"""Settings of a training that starts from an offline run, where the user gives no others: random
+choices would hide what the policies can do."""
+
+
 class VDN(OffPolicy):
     """K seeds in K E copies of a task, with their replay in a folder."""
 
     Config: type[VDNConfig] = VDNConfig
     Learner: type[VDNLearner] = VDNLearner
-    LOSSES = (*LOSSES, "reward")
+    LOSSES = ("td_loss", "q", "target", "reward")
 
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: VDNConfig, folder: Path | str
@@ -185,56 +196,96 @@ class VDN(OffPolicy):
         self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)
 
     def new_learner(self) -> VDNLearner:
-        return self.Learner(self.collector.sizes, self.seeds, self.config)
+        return self.Learner(self.worlds.sizes, self.seeds, self.config)
 
-    def mix_in(self, data: Data, share: float) -> None:
-        """Draws a share of each batch from recorded data, whose actions lie between two bins."""
-        n_bins = self.config.n_bins
-        self.collector.mix_in(data, share, lambda actions: bins.places(actions, n_bins))
+    def stored(self, actions: Tensor) -> Tensor:
+        """Returns places among bins: recorded actions lie between two."""
+        return bins.places(actions, self.config.n_bins)
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """As `continuation.started_utilities.settings_of`."""
-        return started_utilities.settings_of(start, features)
+        """Returns the settings of the run's networks and values, and `WHEN_STARTED`."""
+        policy = _started_policy(start, start.run.seeds[0])
+        n_rows = 1 if policy.parameters == "shared" else start.run.n_agents
+        return {
+            "hidden": as_text(hidden_sizes(policy.layers)),
+            "n_critics": str(len(policy.layers[0].weight) // n_rows),
+            "layer_norm": str(policy.layers[0].scale is not None).lower(),
+            "parameters": policy.parameters,
+            "n_bins": str(policy.choices.n_choices),
+            "frame": frame_name(policy.frame, features),
+            "discount": str(start.discount),
+            "reward_scale": str(start.reward_scale),
+            **WHEN_STARTED,
+        }
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over what fits of an offline run; says in a sentence each what does not.
+        """Takes over utility networks, their inputs' statistics, and a mixer that fits."""
+        team, descent = self.learner.team, self.learner.descent
+        policies = [_started_policy(start, seed) for seed in self.seeds]
+        check_fit(start, "utility networks", self.policy(0), policies[0])
+        n_rows = len(policies[0].layers[0].weight)
+        for k, policy in enumerate(policies):
+            team.network.load_layers(slice(k * n_rows, (k + 1) * n_rows), policy.layers)
+        descent.targets["team"].load(team.network.flat)
+        self.moments = start.moments(len(self.seeds))
+        sentences = []
+        if start.has_other_rewards:
+            sentences.append(
+                f"The values of {start.name} are of other weights of rewards than the task's, with "
+                "which training goes on."
+            )
+        if "mixer" in descent.networks and not _start_mixer(start, descent, self.seeds):
+            sentences.append(f"The mixer begins anew: {start.name} has none of the same sizes.")
+        return sentences
 
-        Raises:
-            CheckpointError: the utility networks do not fit.
-        """
-        return started_utilities.take_over(
-            start, self.collector, self.learner.team, self.learner.descent, self.policy(0)
-        )
-
-    def update(self) -> dict[str, Tensor]:
-        """One round of acting and learning; returns losses, each [K], NaN before learning began."""
-        return self.collector.round(self.explore, self._learn, LOSSES)
-
-    @torch.no_grad()
     def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns actions and their bins, [K, E, N, D], chosen epsilon-greedily.
-
-        Args:
-            observations: normalized, [K, E, N, O].
-        """
-        n_bins, epsilon = self.config.n_bins, self.schedule.at(self.collector.progress)
+        """Returns actions and their bins, [K, E, N, D], chosen epsilon-greedily."""
+        n_bins, epsilon = self.config.n_bins, self.schedule.at(self.progress)
         best = greedy_choices(self.learner.utilities(observations))
-        chosen = epsilon_greedy(self.collector.acting, best, n_bins, epsilon)
+        chosen = epsilon_greedy(self.acting, best, n_bins, epsilon)
         return bins.to_actions(chosen, n_bins), chosen.float()
 
-    def _learn(self, batch: Batch) -> dict[str, Tensor]:
-        scale = linear(self.collector.progress, self.config.final_learning_rate_factor)
-        return self.learner.update(self.collector.normalized(batch), scale)
+    def learn(self, batch: Batch, scale: float) -> dict[str, Tensor]:
+        return self.learner.update(self.normalized(batch), scale)
 
     def policy(self, index: int) -> BinPolicy:
-        config, (mean, std) = self.config, self.collector.inputs_of(index)
+        config, (mean, std) = self.config, self.inputs_of(index)
         return BinPolicy(
             layers=self.learner.team.extract(index, config.n_critics),
             observation_mean=mean,
             observation_std=std,
             n_bins=config.n_bins,
-            frame=self.collector.frame,
+            frame=self.frame,
             parameters=config.parameters,
             n_critics=config.n_critics,
         )
+
+
+def _started_policy(start: OfflineStart, seed: int) -> ChoicePolicy:
+    """The policy of a seed of an offline run, if it acts by the utilities of bins alone.
+
+    Those with a behavior head (`--regulariser bc` and `bcq`) act by it too.
+    """
+    policy = start.policy(seed)
+    if not isinstance(policy, ChoicePolicy) or policy.behavior or policy.ranges:
+        raise CheckpointError(
+            f"{start.name} holds policies of {start.run.algorithm} that do not act by the "
+            "utilities of bins alone. Start from a run of offline vdn or qmix on continuous "
+            "actions with --regulariser none or cql."
+        )
+    return policy
+
+
+def _start_mixer(start: OfflineStart, descent: Descent, seeds: Sequence[int]) -> bool:
+    """Copies the mixers of the run; returns False if they do not fit."""
+    mine = descent.networks["mixer"]
+    theirs = getattr(getattr(start.algorithm, "mixer", None), "network", None)
+    if start.is_compact or not isinstance(theirs, StackedMLP) or theirs.shape != mine.shape:
+        return False
+    per_seed = len(mine.flat) // len(seeds)
+    for k, seed in enumerate(seeds):
+        first = per_seed * start.index(seed)
+        mine.flat[k * per_seed : (k + 1) * per_seed] = theirs.flat[first : first + per_seed]
+    descent.targets["mixer"].load(mine.flat)
+    return True

@@ -5,7 +5,6 @@ symmetric sampling draws half of every batch from the data and half from the rep
 training lasts. Here the part is `share`.
 """
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated
@@ -17,8 +16,9 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.learn.training.training_data import Data, framed
+from swarmdata.online_algos.collection.training_worlds import pack, unpack
 from swarmdata.perception.frames import Frame
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Frozen, describe_differences
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch
 
@@ -66,16 +66,10 @@ def check_spec(data: Data, spec: TaskSpec) -> None:
         SchemaError: they were recorded in another one.
     """
     if data.spec.hash() != spec.hash():
-        ours, theirs = spec.model_dump(mode="json"), data.spec.model_dump(mode="json")
-        names = ", ".join(name for name in ours if ours[name] != theirs.get(name))
         raise SchemaError(
-            f"{data.id} was recorded in {data.spec.task} with another spec: it differs in {names}. "
-            "Mix in data of the task that is trained in."
+            f"{data.id} was recorded in {data.spec.task} with another spec: it differs in "
+            f"{describe_differences(data.spec, spec)}. Mix in data of the task that is trained in."
         )
-
-
-Stored = Callable[[Tensor], Tensor]
-"""What an algorithm stores of actions in [-1, 1]."""
 
 
 class RecordedRows:
@@ -87,7 +81,7 @@ class RecordedRows:
         seeds: of the runs, [K].
         batch_size: rows of a whole batch.
         share: the part of them that is recorded; at least one row of each kind is drawn.
-        stored: what the algorithm stores of actions; None: themselves.
+        stored: gives what the algorithm stores of actions in [-1, 1].
     """
 
     def __init__(
@@ -97,7 +91,7 @@ class RecordedRows:
         seeds: Sequence[int],
         batch_size: int,
         share: float,
-        stored: Stored | None = None,
+        stored: Callable[[Tensor], Tensor],
     ) -> None:
         self._stored = stored
         self.n_rows = min(max(round(share * batch_size), 1), batch_size - 1)
@@ -108,18 +102,14 @@ class RecordedRows:
         """Returns the next rows, tensors [K, n_rows, ...], not normalized."""
         index = np.stack([sampler.draw() for sampler in self._samplers])
         batch = self._samplers[0].gather(index).to_torch()
-        if self._stored is None:
-            return batch
         return replace(batch, actions=self._stored(batch.actions))
 
     def state_dict(self) -> dict[str, Tensor]:
         """Places in the streams, as bytes."""
-        text = json.dumps([sampler.state_dict() for sampler in self._samplers])
-        return {"samplers": torch.from_numpy(np.frombuffer(text.encode(), np.uint8).copy())}
+        return {"samplers": pack([sampler.state_dict() for sampler in self._samplers])}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        places = json.loads(state["samplers"].numpy().tobytes())
-        for sampler, place in zip(self._samplers, places, strict=True):
+        for sampler, place in zip(self._samplers, unpack(state["samplers"]), strict=True):
             sampler.load_state_dict(place)
 
 

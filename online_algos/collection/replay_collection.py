@@ -1,7 +1,7 @@
-"""Off-policy algorithms: their collector acts in worlds, stores transitions and samples batches."""
+"""Off-policy algorithms: they act in worlds, store transitions and learn from batches of them."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,13 +18,13 @@ from swarmdata.learn.networks.network_inputs import (
     normal_like,
     restore_generators,
 )
-from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.optimizer import linear
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.replay_buffer import Replay, Shape
 from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer, measure_moments
-from swarmdata.online_algos.collection.recorded_rows import RecordedRows, Stored, joined
+from swarmdata.online_algos.collection.recorded_rows import RecordedRows, joined
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.shaping.shaped_env import reweighted
 from swarmdata.perception.frames import find_frame
@@ -32,10 +32,6 @@ from swarmdata.types import Batch
 
 ACTING_STREAM, SAMPLING_STREAM, MEASURING_STREAM = 10, 11, 12
 """Streams of a seed's generators."""
-
-Act = Callable[[Tensor], tuple[Tensor, Tensor]]
-"""Normalized observations [K, E, N, O] to actions [K, E, N, A] and what is stored of them."""
-
 
 N_MEASURED = 64
 """Steps of every copy that measure the inputs."""
@@ -74,109 +70,126 @@ class ReplaySettings:
             )
 
 
-class Collector:
-    """Worlds, replay, input statistics and generators of K seeds.
+class OffPolicy(ABC):
+    """K seeds of an algorithm that learns from a replay of their steps in worlds of their own.
 
     Args:
-        env: K E copies.
-        seeds: of the runs, [K].
-        plan: how much is collected and sampled.
+        env: K E copies of a task.
+        seeds: of everything random, [K].
+        config: settings, with those of `ReplaySettings`.
         folder: of the replay.
 
     Raises:
+        SchemaError: there are not `n_copies` for each seed.
         SpecError: a reward weight does not exist or cannot have its value.
 
     Attributes:
-        seeds: of the runs, [K].
         frames: joint steps that each seed has taken.
         moments: frozen input statistics; those of an offline run that training starts from.
         recorded: the part of each batch that a dataset gives; None: batches are from the replay.
     """
 
-    def __init__(
-        self, env: VecEnv, seeds: Sequence[int], plan: ReplaySettings, folder: Path | str
-    ) -> None:
-        self.plan, self.frames = plan, 0
-        self.frame = find_frame(env.features, plan.frame)
-        self.worlds = Worlds(reweighted(env, plan.reward_weights), seeds, self.frame)
-        if self.worlds.n_copies != plan.n_copies:
+    LOSSES: tuple[str, ...]  # of `learn`, and "reward"
+
+    def __init__(self, env: VecEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
+        self.config, self.seeds, self.frames = config, tuple(seeds), 0
+        self.frame = find_frame(env.features, config.frame)
+        self.worlds = Worlds(reweighted(env, config.reward_weights), seeds, self.frame)
+        if self.worlds.n_copies != config.n_copies:
             raise SchemaError(
                 f"got {env.n_copies} copies for {len(seeds)} seeds, expected n_copies = "
-                f"{plan.n_copies} for each"
+                f"{config.n_copies} for each"
             )
-        rows, margin = (-(-count // plan.n_copies) for count in (plan.capacity, plan.margin))
-        shape = Shape(self.sizes, len(seeds), plan.n_copies, rows, margin)
+        rows, margin = (-(-count // config.n_copies) for count in (config.capacity, config.margin))
+        shape = Shape(self.worlds.sizes, len(seeds), config.n_copies, rows, margin)
         self.replay = Replay(shape, folder)
         self.acting = generators(seeds, "cpu", ACTING_STREAM)
         self._sampling = generators(seeds, "cpu", SAMPLING_STREAM)
         measuring = generators(seeds, "cpu", MEASURING_STREAM)
         self.moments = measure_moments(self.worlds, measuring, N_MEASURED)
         self.recorded: RecordedRows | None = None
-        self.seeds = tuple(seeds)
+        self.learner = self.new_learner()
 
-    def mix_in(self, data: Data, share: float, stored: Stored | None = None) -> None:
-        """Draws a part of each batch from a dataset from now on.
+    @abstractmethod
+    def new_learner(self) -> Any:
+        """Makes an untrained learner, for these sizes and statistics of inputs."""
+
+    @abstractmethod
+    def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns actions, [K, E, N, A], and what is stored of them, [K, E, N, ...].
+
+        Args:
+            observations: normalized, [K, E, N, O].
+        """
+
+    @abstractmethod
+    def learn(self, batch: Batch, scale: float) -> dict[str, Tensor]:
+        """Takes a gradient step on tensors [K, B, ...] as they were seen; returns losses, [K].
+
+        Args:
+            batch: to learn from.
+            scale: factor on the learning rate.
+        """
+
+    def prepare(self) -> bool:
+        """Does nothing: the first rounds fill the replay."""
+        return False
+
+    def stored(self, actions: Tensor) -> Tensor:
+        """Returns what the replay keeps of recorded actions in [-1, 1]."""
+        return actions
+
+    def mix_in(self, data: Data, share: float) -> None:
+        """Draws a part of each batch from a dataset from now on, `collection.recorded_rows`.
 
         Args:
             data: recorded in the same task.
             share: of each batch, above 0 and below 1.
-            stored: what the algorithm stores of actions in [-1, 1]; None: themselves.
 
         Raises:
             SpecError: training has other reward weights than the task, which the data have.
         """
-        if self.plan.reward_weights:
+        weights, size = self.config.reward_weights, self.config.batch_size
+        if weights:
             raise SpecError(
-                f"reward_weights is {','.join(self.plan.reward_weights)} and recorded data are "
+                f"reward_weights is {','.join(weights)} and recorded data are "
                 "mixed in, whose rewards have the task's weights. Leave one of them out."
             )
-        size = self.plan.batch_size
-        self.recorded = RecordedRows(data, self.frame, self.seeds, size, share, stored)
-
-    @property
-    def sizes(self) -> Sizes:
-        """Numbers of robots and features."""
-        return self.worlds.sizes
+        self.recorded = RecordedRows(data, self.frame, self.seeds, size, share, self.stored)
 
     @property
     def progress(self) -> float:
         """Part of the training that is done, in [0, 1]."""
-        return min(1.0, self.frames / self.plan.n_steps)
+        return min(1.0, self.frames / self.config.n_steps)
 
-    def round(
-        self, act: Act, learn: Callable[[Batch], dict[str, Tensor]], names: Sequence[str]
-    ) -> dict[str, Tensor]:
+    def update(self) -> dict[str, Tensor]:
         """Takes `rollout_steps` steps in all copies, with gradient steps after each.
-
-        Args:
-            act: chooses actions.
-            learn: takes one gradient step on a batch of tensors [K, B, ...], not normalized.
-            names: of the losses that `learn` may return.
 
         Returns:
             The mean of each loss over the gradient steps that returned it, [K], NaN where none
             did; and the mean team reward of the steps taken.
         """
-        losses: dict[str, list[Tensor]] = {name: [] for name in names}
-        rewards = []
-        for _ in range(self.plan.rollout_steps):
-            rewards.append(self._step(act))
-            if self.frames < self.plan.warmup_transitions:
+        config = self.config
+        losses: dict[str, list[Tensor]] = {name: [] for name in self.LOSSES}
+        for _ in range(config.rollout_steps):
+            losses["reward"].append(self._step())
+            if self.frames < config.warmup_transitions:
                 continue
-            for _ in range(self.plan.n_gradient_steps):
-                for name, loss in learn(self._draw()).items():
+            for _ in range(config.n_gradient_steps):
+                scale = linear(self.progress, config.final_learning_rate_factor)
+                for name, loss in self.learn(self.draw(), scale).items():
                     losses[name].append(loss)
-        undefined = torch.full((self.worlds.n_seeds,), torch.nan)
-        means = {k: torch.stack(v).mean(0) if v else undefined for k, v in losses.items()}
-        return means | {"reward": torch.stack(rewards).mean(0)}
+        undefined = torch.full((len(self.seeds),), torch.nan)
+        return {k: torch.stack(v).mean(0) if v else undefined for k, v in losses.items()}
 
-    def _step(self, act: Act) -> Tensor:
+    @torch.no_grad()
+    def _step(self) -> Tensor:
         """Takes one step in all copies and stores it; returns the mean team reward, [K]."""
         worlds = self.worlds
         step = worlds.current_step
         observations = worlds.observations(step)
         normal = SeedNormalizer(self.moments)
-        actions, stored = act(normal.observations(torch.from_numpy(observations)))
+        actions, stored = self.explore(normal.observations(torch.from_numpy(observations)))
         next_step = worlds.advance(actions.numpy())
         rewards = worlds.grouped(next_step.rewards)
         terminations = worlds.grouped(next_step.terminations)
@@ -196,10 +209,10 @@ class Collector:
         self.frames += worlds.n_copies
         return torch.from_numpy(rewards.mean((1, 2)))
 
-    def _draw(self) -> Batch:
-        """A batch of rows as they were seen."""
+    def draw(self) -> Batch:
+        """Returns a batch of rows as they were seen, tensors [K, B, ...]."""
         n_recorded = 0 if self.recorded is None else self.recorded.n_rows
-        batch = self.replay.sample(self._sampling, self.plan.batch_size - n_recorded)
+        batch = self.replay.sample(self._sampling, self.config.batch_size - n_recorded)
         if self.recorded is not None:
             batch = joined(batch, self.recorded.draw())
         return batch
@@ -220,77 +233,38 @@ class Collector:
         mean, std = (torch.from_numpy(m[index].astype(np.float64)) for m in self.moments[:2])
         return mean, std
 
+    def restart_worlds(self) -> None:
+        """Begins new episodes everywhere, as loading a state does."""
+        self.worlds.restart()
+
     def state_dict(self) -> dict[str, Tensor]:
         """Everything but the running episodes and the rows of the replay, as copies."""
         recorded = {} if self.recorded is None else self.recorded.state_dict()
+        moments = self.moments._asdict()
         return {
-            "frames": torch.tensor(self.frames),
-            **{f"recorded.{k}": v for k, v in recorded.items()},
-            "generators": generator_states([*self.acting, *self._sampling]),
-            **{f"moments.{k}": torch.tensor(v) for k, v in self.moments._asdict().items()},
-            **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
-            **{f"replay.{k}": v for k, v in self.replay.state_dict().items()},
+            **{f"learner.{k}": v for k, v in self.learner.state_dict().items()},
+            "collector.frames": torch.tensor(self.frames),
+            **{f"collector.recorded.{k}": v for k, v in recorded.items()},
+            "collector.generators": generator_states([*self.acting, *self._sampling]),
+            **{f"collector.moments.{k}": torch.tensor(v) for k, v in moments.items()},
+            **{f"collector.worlds.{k}": v for k, v in self.worlds.state_dict().items()},
+            **{f"collector.replay.{k}": v for k, v in self.replay.state_dict().items()},
         }
 
-    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned and begins new episodes."""
-        self.replay.load_state_dict(part(state, "replay"))
-        self.frames = int(state["frames"])
-        restore_generators([*self.acting, *self._sampling], state["generators"])
-        self.moments = Moments(**{k: v.numpy().copy() for k, v in part(state, "moments").items()})
-        self.worlds.load_state_dict(part(state, "worlds"))
-        if self.recorded is not None:
-            self.recorded.load_state_dict(part(state, "recorded"))
-
-
-class OffPolicy(ABC):
-    """K seeds of an algorithm whose learner takes batches from a replay, in worlds of their own.
-
-    Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
-        config: settings.
-        folder: of the replay.
-    """
-
-    def __init__(self, env: VecEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
-        self.config, self.seeds = config, tuple(seeds)
-        self.collector = Collector(env, seeds, config, folder)
-        self.learner = self.new_learner()
-
-    @abstractmethod
-    def new_learner(self) -> Any:
-        """Makes an untrained learner, with the collector's sizes and statistics of inputs."""
-
-    @property
-    def frames(self) -> int:
-        """Joint steps that each seed has taken."""
-        return self.collector.frames
-
-    def prepare(self) -> bool:
-        """Does nothing: the first rounds fill the replay."""
-        return False
-
-    def mix_in(self, data: Data, share: float) -> None:
-        """Draws a share of each batch from recorded data, `collection.recorded_rows`."""
-        self.collector.mix_in(data, share)
-
-    def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
-        self.collector.worlds.restart()
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """Everything but the running episodes and the rows of the replay, as copies."""
-        learner = {f"learner.{k}": v for k, v in self.learner.state_dict().items()}
-        return learner | {f"collector.{k}": v for k, v in self.collector.state_dict().items()}
-
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned; the folder must be that of the same run.
+        """Restores what `state_dict` returned, and begins new episodes.
 
         Raises:
             CheckpointError: the replay in the folder does not belong to the state.
         """
-        self.collector.load_state_dict(part(state, "collector"))
+        own = part(state, "collector")
+        self.replay.load_state_dict(part(own, "replay"))
+        self.frames = int(own["frames"])
+        restore_generators([*self.acting, *self._sampling], own["generators"])
+        self.moments = Moments(**{k: v.numpy().copy() for k, v in part(own, "moments").items()})
+        self.worlds.load_state_dict(part(own, "worlds"))
+        if self.recorded is not None:
+            self.recorded.load_state_dict(part(own, "recorded"))
         self.learner = self.new_learner()
         self.learner.load_state_dict(part(state, "learner"))
 

@@ -124,14 +124,11 @@ def standard_normal(generators: Sequence[np.random.Generator], shape: tuple[int,
     return np.stack([g.standard_normal(shape, dtype=np.float32) for g in generators])
 
 
-def pack_generators(generators: Sequence[np.random.Generator]) -> Tensor:
-    """Returns the states of some generators as bytes, uint8."""
-    text = json.dumps([generator.bit_generator.state for generator in generators])
-    return torch.from_numpy(np.frombuffer(text.encode(), np.uint8).copy())
+def pack(content: Any) -> Tensor:
+    """Returns what JSON can hold as bytes, uint8, for a checkpoint."""
+    return torch.from_numpy(np.frombuffer(json.dumps(content).encode(), np.uint8).copy())
 
 
-def unpack_generators(packed: Tensor, generators: Sequence[np.random.Generator]) -> None:
-    """Restores what `pack_generators` returned."""
-    states = json.loads(packed.numpy().tobytes())
-    for generator, state in zip(generators, states, strict=True):
-        generator.bit_generator.state = state
+def unpack(packed: Tensor) -> Any:
+    """Returns what `pack` was given."""
+    return json.loads(packed.numpy().tobytes())

@@ -17,7 +17,7 @@ from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.critics import RobotCritics
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.networks.perceptrons import Layer, present
+from swarmdata.learn.networks.perceptrons import Layer, StackedLayers, present
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.run_files import is_online, run_folders, run_hash
@@ -26,7 +26,7 @@ from swarmdata.online_algos.collection.input_moments import Moments
 from swarmdata.perception.frames import Frame
 from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.features import Feature
-from swarmdata.specs.frozen import Frozen
+from swarmdata.specs.frozen import Frozen, describe_differences
 from swarmdata.specs.plain_names import Sha256
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -72,11 +72,7 @@ class OfflineStart:
         return _changes_rewards(self.run.view)
 
     def policy(self, seed: int) -> Policy:
-        """Returns the policy of a seed.
-
-        Raises:
-            CheckpointError: the run has no such seed.
-        """
+        """Returns the policy of a seed; errors as of `index`."""
         return self.algorithm.policy(self.index(seed))
 
     def index(self, seed: int) -> int:
@@ -158,12 +154,10 @@ def check_task(start: OfflineStart, spec: TaskSpec) -> None:
     """
     if start.run.spec_hash == spec.hash():
         return
-    ours, theirs = spec.model_dump(mode="json"), start.run.spec.model_dump(mode="json")
-    names = [name for name in ours if ours[name] != theirs.get(name)]
     raise CheckpointError(
         f"{start.name} was trained for {start.run.spec.task} on {start.run.dataset}, which differs "
-        f"from this task in: {', '.join(names)}. Train in the task of that run, or start from a "
-        "run for this one."
+        f"from this task in: {describe_differences(start.run.spec, spec)}. Train in the task of "
+        "that run, or start from a run for this one."
     )
 
 
@@ -184,11 +178,7 @@ def as_text(sizes: Sequence[int]) -> str:
 
 
 def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
-    """Returns the run's first policy if it is an actor of this kind.
-
-    Args:
-        start: the run.
-        squash: whether actions have to pass through tanh, or to be clipped.
+    """Returns the run's first policy: an actor whose actions pass through tanh, or are clipped.
 
     Raises:
         CheckpointError: it is another kind of policy.
@@ -205,22 +195,21 @@ def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
     )
 
 
-def checked_actors(
-    start: OfflineStart, seeds: Sequence[int], fitting: TorchPolicy
-) -> list[TorchPolicy]:
-    """Returns the actors of some seeds, to be copied.
-
-    Args:
-        start: the run.
-        seeds: whose actors they are, [K].
-        fitting: a policy of the algorithm that is to begin with them.
+def load_actors(
+    start: OfflineStart, seeds: Sequence[int], fitting: TorchPolicy, network: StackedLayers
+) -> None:
+    """Copies the run's actors of some seeds to `network`, which has as many rows for each.
 
     Raises:
-        CheckpointError: the run lacks a seed, or its actors have another frame or other sizes.
+        CheckpointError: the run lacks a seed, or its policies are other actors than `fitting`, or
+            have another frame or other sizes.
     """
-    actors = [cast("TorchPolicy", start.policy(seed)) for seed in seeds]  # `actor_of` has looked
+    actor_of(start, squash=fitting.squash)
+    actors = [cast("TorchPolicy", start.policy(seed)) for seed in seeds]
     check_fit(start, "actors", fitting, actors[0])
-    return actors
+    n_rows = len(network.flat) // len(seeds)
+    for k, actor in enumerate(actors):
+        network.load_layers(slice(k * n_rows, (k + 1) * n_rows), actor.layers)
 
 
 def check_fit(start: OfflineStart, what: str, fitting: Startable, theirs: Startable) -> None:
@@ -264,7 +253,7 @@ def robot_critics_of(start: OfflineStart) -> RobotCritics | str:
 
 
 def settings_of_critics(start: OfflineStart, critics: RobotCritics) -> dict[str, str]:
-    """Returns the settings of the critics, of what they value, and a short warm-up, as text."""
+    """The settings of the critics, of what they value, and a short warm-up, as text."""
     return {
         "critic": critics.critic,
         "critic_hidden": as_text(hidden_sizes(critics.online.layers)),
@@ -275,12 +264,10 @@ def settings_of_critics(start: OfflineStart, critics: RobotCritics) -> dict[str,
 
 
 def load_critics(mine: RobotCritics, start: OfflineStart, seeds: Sequence[int]) -> list[str]:
-    """Copies the run's critics and their slow copies; returns a sentence if they do not fit.
+    """Copies the run's critics of some seeds, and their slow copies, to `mine` if they fit.
 
-    Args:
-        mine: the critics that begin, with rows for each seed.
-        start: the run.
-        seeds: of `mine`, [K].
+    Returns:
+        A sentence if they do not fit.
     """
     theirs, n = robot_critics_of(start), mine.n_critics
     if isinstance(theirs, str):

@@ -9,7 +9,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -24,12 +24,12 @@ from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
     as_text,
-    checked_actors,
     frame_name,
     hidden_sizes,
+    load_actors,
 )
 from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam
-from swarmdata.online_algos.ppo.networks import Actors, ActorWeights
+from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clone_teacher
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.perception.frames import Frame
@@ -92,15 +92,10 @@ def initial_weights(
     worlds: Worlds,
     generators: Sequence[np.random.Generator],
     seeds: Sequence[int],
-) -> ActorWeights:
-    """Returns the weights to start from: of the policies, then of the clone, if there are any.
+) -> Actors:
+    """Returns actors to start from: the policies, then their clone of a teacher, if there are any.
 
-    Args:
-        start: what they come from.
-        actors: with random weights; left as they are.
-        worlds: to clone in; left in the middle of episodes.
-        generators: of the actions while cloning, [K].
-        seeds: of the runs, [K].
+    The given ones stay as they are; `worlds`, to clone in, are left in the middle of episodes.
 
     Raises:
         BuildError: one of the seeds has no policy to start from.
@@ -120,19 +115,15 @@ def initial_weights(
             copy_weights(policy, started, index, worlds.frame, start.policies)
     if start.has_teacher:
         config = CloneConfig(
-            n_rounds=start.clone_rounds,
-            rollout_steps=start.clone_steps,
-            noise=start.clone_noise,
+            n_rounds=start.clone_rounds, rollout_steps=start.clone_steps, noise=start.clone_noise
         )
-        teacher: Teacher
+        teacher: Teacher = ActorTeam(started.copy(), worlds)
         if start.teacher:
             teacher = make_teacher(start, worlds.env.spec)
-        else:
-            teacher = ActorTeam(started.copy(), worlds)
         if start.avoidance:
             teacher = AvoidingTeam(teacher, worlds.env, start.surface_margin)
         clone_teacher(started, worlds, generators, teacher, config)
-    return started.weights
+    return started
 
 
 def make_teacher(start: StartConfig, spec: TaskSpec) -> Policy:
@@ -231,23 +222,8 @@ WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
 The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
 
 
-class HasActors(Protocol):
-    """MAPPO, or an algorithm like it."""
-
-    seeds: tuple[int, ...]
-    actors: Actors
-
-    @property
-    def config(self) -> Any: ...
-    def policy(self, index: int) -> TorchPolicy: ...
-
-
 def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
     """Returns the settings of the run's actors, and `WHEN_STARTED`.
-
-    Args:
-        start: the run.
-        features: of the task's observations.
 
     Raises:
         CheckpointError: the run's policies are no actors whose actions are clipped, or have other
@@ -266,8 +242,8 @@ def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, s
     }  # fmt: skip
 
 
-def start_from(self: HasActors, start: OfflineStart) -> list[str]:
-    """Takes over actors and the statistics of their inputs.
+def start_from(self: Any, start: OfflineStart) -> list[str]:
+    """Takes over actors and the statistics of their inputs; a method of `MAPPO`.
 
     Raises:
         CheckpointError: the actors do not fit.
@@ -278,10 +254,7 @@ def start_from(self: HasActors, start: OfflineStart) -> list[str]:
             f"the settings start.* name other policies or a teacher, but training starts from "
             f"{start.name}; leave one of them out"
         )
-    actors = self.actors
-    actor_of(start, squash=False)
-    for k, actor in enumerate(checked_actors(start, self.seeds, self.policy(0))):
-        rows = slice(k * actors.n_rows, (k + 1) * actors.n_rows)
-        actors.network.load_layers(rows, actor.layers)
+    actors: Actors = self.actors
+    load_actors(start, self.seeds, self.policy(0), actors.network)
     actors.input_mean, actors.input_std = start.moments(len(self.seeds))[:2]
     return [f"The critic begins anew: {start.run.algorithm} has none of mappo's kind."]

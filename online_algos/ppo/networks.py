@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from copy import copy
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -107,19 +106,8 @@ ACTOR_STREAM, CRITIC_STREAM = 0, 1
 """Streams of a seed's initial parameters."""
 
 
-class ActorWeights(NamedTuple):
-    """All that decides the mean actions of K seeds."""
-
-    parameters: Tensor  # [K, P] of shared actors, [K N, P] of separate ones
-    input_mean: Float | Double  # [K, O]
-    input_std: Float | Double  # [K, O]
-
-
 class Actors:
     """The mean actions of K seeds' teams, from normalized observations.
-
-    The input statistics are frozen from the start, so that a trained actor is one fixed piecewise
-    linear function.
 
     Args:
         sizes: numbers of robots and features.
@@ -148,17 +136,10 @@ class Actors:
         initialize(self.network, seeds, ACTOR_STREAM, method="orthogonal", head_gain=0.01)
         self.input_mean, self.input_std = moments.observation_mean, moments.observation_std
 
-    @property
-    def weights(self) -> ActorWeights:
-        """A copy of the weights."""
-        return ActorWeights(
-            self.network.flat.clone(), self.input_mean.copy(), self.input_std.copy()
-        )
-
-    def load(self, weights: ActorWeights) -> None:
-        """Replaces the weights by copies of others."""
-        self.network.load(weights.parameters)
-        self.input_mean, self.input_std = weights.input_mean.copy(), weights.input_std.copy()
+    def load(self, others: "Actors") -> None:
+        """Replaces the weights and input statistics by copies of others'."""
+        self.network.load(others.network.flat)
+        self.input_mean, self.input_std = others.input_mean.copy(), others.input_std.copy()
 
     def copy(self) -> "Actors":
         """Returns actors with equal weights in memory of their own."""
@@ -175,10 +156,7 @@ class Actors:
         return with_agent_id(features) if self.parameters == "shared" else features
 
     def means(self, inputs: Tensor) -> Tensor:
-        """Mean actions of actors without a memory, [K, E, N, A], of inputs [K, E, N, I].
-
-        No gradient.
-        """
+        """Mean actions without a memory and gradient, [K, E, N, A], of inputs [K, E, N, I]."""
         assert isinstance(self.network, StackedMLP)  # `StartConfig` is refused with a memory
         with torch.no_grad():
             outputs = self.network(by_network(inputs, self.parameters))
@@ -245,13 +223,7 @@ class Actors:
 
 
 class Critic:
-    """The values of K seeds, from a robot's inputs and its view of the state.
-
-    Args:
-        n_inputs: of one value.
-        seeds: of the initial parameters, [K].
-        hidden: width of the two hidden layers.
-    """
+    """The values of K seeds, from a robot's inputs and its view of the state."""
 
     def __init__(self, n_inputs: int, seeds: Sequence[int], hidden: int) -> None:
         self.network = StackedMLP(MLPShape(n_inputs, (hidden, hidden), 1), len(seeds), "cpu")
@@ -269,13 +241,13 @@ class Critic:
 def fill_values(
     rollout: Rollout, ends: Sequence[Step], worlds: Worlds, actors: Actors, critic: Critic
 ) -> None:
-    """Writes `values` and `next_values`.
+    """Writes `values` and `next_values` of a rollout whose other fields are written.
 
     Args:
-        rollout: all else of it is written.
+        rollout: changed.
         ends: for each step of the rollout, the last steps of the episodes that ended in it.
         worlds: in the step after the rollout.
-        actors: they make the inputs.
+        actors: make the inputs.
         critic: of the same seeds.
     """
     r = rollout

@@ -58,14 +58,7 @@ def clone_teacher(
     """Fits actors to a teacher; returns the mean squared errors after each round, each [K].
 
     A round goes on where the one before it stopped, so that episodes longer than a round are seen
-    to their ends.
-
-    Args:
-        actors: trained in place.
-        worlds: to act in; left in the middle of episodes.
-        generators: of noise and minibatches, [K].
-        teacher: labels the states that the learners meet.
-        config: how long.
+    to their ends. `worlds` are left in the middle of episodes.
     """
     optimizer = StackedAdam(actors.network, len(generators), 1.0)
     worlds.restart()
@@ -123,20 +116,7 @@ def _regress(
     n_taken: int,
     config: CloneConfig,
 ) -> Tensor:
-    """Takes gradient steps on samples in random order, all before any again.
-
-    Args:
-        actors: trained in place.
-        optimizer: of the actors.
-        generators: of the order, [K].
-        data: inputs and labels, each [K or K N, M, ...].
-        n_known: of the M samples, those that are written already.
-        n_taken: samples to take; the last minibatch is a whole one.
-        config: learning rate and size of minibatches.
-
-    Returns:
-        The mean squared error of the samples taken, [K].
-    """
+    """Takes `n_taken` of the first `n_known` samples, all before any again; mean errors, [K]."""
     total, taken = torch.zeros(len(generators)), 0
     orders = (minibatches(generators, n_known, actors.n_rows, config.minibatch) for _ in count())
     for rows in chain.from_iterable(orders):

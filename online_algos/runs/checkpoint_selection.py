@@ -26,6 +26,7 @@ from swarmdata.behavior_policies.checkpoint_files import digest_of
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.behavior_policies.tier_bands import MEDIUM_SUCCESS
 from swarmdata.errors import BuildError, OutputError
+from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.run_files import (
     CURVE,
     Seed,
@@ -34,7 +35,7 @@ from swarmdata.learn.training.run_files import (
     read_table,
     saved_frames,
 )
-from swarmdata.online_algos.runs.export_policy import exact_error, export
+from swarmdata.online_algos.runs.export_policy import action_error, export
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import locked
@@ -56,6 +57,9 @@ CANDIDATE_MARGIN = 0.05
 
 N_EPISODES, N_REPLAY_EPISODES, N_ROUGH_EPISODES = 1024, 256, 128
 """Selection episodes that measure mediums and experts, replay policies, and medium candidates."""
+
+N_COMPARED_EPISODES = 64
+"""Episodes in which exact inference is compared with the trained network."""
 
 
 class Chosen(NamedTuple):
@@ -121,7 +125,8 @@ def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
     chosen = _measured("expert", seed, int(path.stem), spec, work)
     if read_online_run(seed.folder).spec.n_agents != spec.n_agents:
         return chosen  # the trained network does not fit this team
-    error = exact_error(path, chosen.file, spec)
+    exact = own_actor(chosen.file, spec)
+    error = action_error(load_policy(path), exact, spec, N_COMPARED_EPISODES)
     return chosen._replace(figures=chosen.figures | {"exact_error": error})
 
 

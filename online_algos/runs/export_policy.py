@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Actor, Layer, save_actor
-from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks import perceptrons
@@ -25,12 +24,7 @@ MAX_SCALE = 20.0
 
 
 def export(source: Path, target: Path, n_agents: int) -> None:
-    """Writes a run's policy as a checkpoint for exact inference.
-
-    Args:
-        source: the run's policy.
-        target: the checkpoint.
-        n_agents: robots of its team.
+    """Writes a run's policy as a checkpoint for exact inference, in a team of `n_agents`.
 
     Raises:
         BuildError: the policy is not a network that can be run exactly.
@@ -99,12 +93,10 @@ def scale_hidden_units(layers: Sequence[Layer]) -> list[Layer]:
 def restored(actor: Actor, n_agents: int) -> TorchPolicy:
     """Returns a checkpoint's policy, with its rounded weights, to start training from.
 
-    Args:
-        actor: of the checkpoint, with the index of the robot as an input.
-        n_agents: robots of the team that is to be trained.
+    The actor has the index of the robot as an input; `n_agents` are of the team to be trained.
     """
-    layers = [(weight, bias) for weight, bias in actor.layers]
-    layers[0] = (_for_team(layers[0][0], len(actor.mean), n_agents), layers[0][1])
+    (weight, bias), *others = actor.layers
+    layers = [(_for_team(weight, len(actor.mean), n_agents), bias), *others]
     return TorchPolicy(
         [
             perceptrons.Layer(torch.from_numpy(w[None]), torch.from_numpy(b[None, None]))
@@ -123,22 +115,11 @@ def _for_team(weight: Double, n_features: int, n_agents: int) -> Double:
     return np.concatenate([of_features, of_numbers[np.arange(n_agents) % len(of_numbers)]])
 
 
-def exact_error(source: Path, exported: Path, spec: TaskSpec, n_episodes: int = 64) -> float:
-    """Returns the largest difference of an action between exact inference and the trained network.
+def action_error(trained: Policy, exact: Policy, spec: TaskSpec, n_episodes: int) -> float:
+    """Returns the largest difference of an action between exact inference and a trained network.
 
     Both get the observations of validation episodes that the exact policy plays.
-
-    Args:
-        source: a run's policy.
-        exported: its checkpoint for exact inference.
-        spec: to play in.
-        n_episodes: how many.
     """
-    return action_error(load_policy(source), own_actor(exported, spec), spec, n_episodes)
-
-
-def action_error(trained: Policy, exact: Policy, spec: TaskSpec, n_episodes: int) -> float:
-    """Returns the largest difference of an action between two policies."""
     env = make_env(spec, n_episodes)
     step = env.reset(validation_seeds(n_episodes))
     worst = 0.0

@@ -97,18 +97,7 @@ def describe_run(
     recorded: RecordedSource | None = None,
     **options: int,
 ) -> OnlineRun:
-    """Returns the run of an algorithm with one of its configs.
-
-    Args:
-        algorithm: registered name.
-        config: of the algorithm.
-        spec: of the task.
-        seeds: of the policies.
-        own: spec of the task with its own models; None: `spec`.
-        start: offline run to begin with.
-        recorded: data to mix in.
-        **options: numbers of checkpoints and of episodes.
-    """
+    """Returns the run of an algorithm with one of its configs; arguments as of `OnlineRun`."""
     return OnlineRun.parse(
         {
             "algorithm": algorithm,
@@ -184,11 +173,7 @@ def read_online_run(folder: Path) -> OnlineRun:
 
 
 def _check_lengths(run: OnlineRun) -> None:
-    """Checks that there is a rollout, and that the replay can be resumed from every checkpoint.
-
-    The replay buffer must keep the transitions that a checkpoint samples from until the next one,
-    `training.replay_buffer`.
-    """
+    """Checks that there is a rollout, and that the replay can be resumed from every checkpoint."""
     per_rollout = run.config["n_copies"] * run.config.get("rollout_steps", 1)
     if run.n_steps < per_rollout:
         raise SpecError(

@@ -47,14 +47,7 @@ def less_contacts(
     A high cost from the start prevents learning; a low one leaves a policy that brushes past
     obstacles.
 
-    Args:
-        rewards: as of every `RewardTerm`, the next three too.
-        before: not read.
-        after: its events are.
-        progress: p.
-        weights: of the task's rewards, with the costs of contacts and collisions.
-        cost: the factor at the end.
-        ramp: begin and end.
+    `weights` hold the task's costs, `ramp` begin and end.
     """
     task_costs = [
         weights.robot_contact, weights.obstacle_contact,
@@ -200,11 +193,7 @@ def shape_rewards(env: VecEnv, config: ShapingConfig) -> ShapedEnv:
 
 
 def reweighted(env: VecEnv, weights: Sequence[str]) -> VecEnv:
-    """Returns copies of the same task with other reward weights.
-
-    Args:
-        env: the copies; returned as they are if no weight changes.
-        weights: `name=value` for each field of `spec.rules.rewards` that changes.
+    """Returns copies of the same task with other reward weights, such as "proximity=2".
 
     Raises:
         SpecError: there is no such weight, or it cannot have this value.

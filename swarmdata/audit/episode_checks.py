@@ -6,7 +6,7 @@ from swarmdata.audit.findings import Remarks, note, problem
 from swarmdata.audit.subject import Subject, blocks, some
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
-from swarmdata.rollouts.recipe_episodes import stream_seeds
+from swarmdata.rollouts.recipe_episodes import episode_seeds
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.running_moments import Moments
@@ -164,7 +164,7 @@ def seeds(subject: Subject) -> Remarks:
         return
     for policy, source in enumerate(recipe.policies):
         mine = np.flatnonzero(table.policy == policy)
-        wrong = mine[values[mine] != stream_seeds(recipe, policy, table.policy_episode[mine])]
+        wrong = mine[values[mine] != episode_seeds(recipe, policy, table.policy_episode[mine])]
         if len(wrong):
             yield problem(
                 f"episodes {some(wrong)} of {source.label} have other seeds than the recipe gives "

@@ -3,6 +3,8 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
@@ -28,7 +30,8 @@ def make_part(
     `report` is called with the joint steps of each; `folder` has a folder `checkpoints` of the
     recipe's own networks, if it has any.
     """
-    seeds = episode_seeds(recipe, policy, part * recipe.part_episodes, recipe.part_episodes)
+    first, n = part * recipe.part_episodes, recipe.part_episodes
+    seeds = episode_seeds(recipe, policy, np.arange(first, first + n))
     actor = make_source_policy(recipe.policies[policy], recipe.spec, folder)
     episodes = []
     for episode in rollout(env, actor, seeds, policy_index=policy):

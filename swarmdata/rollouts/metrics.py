@@ -60,18 +60,13 @@ def metrics_of(task: str) -> Mapping[str, Metric]:
 
 
 def _metrics_of_sides(names: Sequence[str]) -> dict[str, Metric]:
-    returns, successes = (
-        "sum over time of the mean reward over the robots of this side",
-        "1 if this side succeeded, else 0",
-    )
-    return {
-        metric: found
-        for name in names
-        for metric, found in (
-            (f"{name}_return", Metric(f"return of {name}", "", "higher", returns)),
-            (f"{name}_success", Metric(f"success of {name}", "", "higher", successes)),
-        )
-    }
+    found = {}
+    for name in names:
+        meaning = "sum over time of the mean reward over the robots of this side"
+        found[f"{name}_return"] = Metric(f"return of {name}", "", "higher", meaning)
+        meaning = "1 if this side succeeded, else 0"
+        found[f"{name}_success"] = Metric(f"success of {name}", "", "higher", meaning)
+    return found
 
 
 def _of_sides(episode: Episode, spec: TaskSpec) -> dict[str, float]:
@@ -93,22 +88,21 @@ def episode_metrics(episode: Episode, task: Task) -> dict[str, float]:
     spec = task.spec
     positions = robots_of(episode.states, spec.n_agents)[..., : Y + 1].astype(np.float64)
     events = episode.events
+    moves = positions[1:] - positions[:-1]
+    lengths = np.sqrt(moves[..., 0] * moves[..., 0] + moves[..., 1] * moves[..., 1])
     touched = events[..., _ROBOT_CONTACT] | events[..., _OBSTACLE_CONTACT]  # [T, N]
-    robot_onsets, obstacle_onsets = (
-        float(events[..., column].sum(dtype=np.int64))
-        for column in (_ROBOT_ONSETS, _OBSTACLE_ONSETS)
-    )
+    totals = events.sum(axis=(0, 1), dtype=np.int64)
     return {
         "return": episode.team_return,
         "success": float(episode.success),
         "clean_success": float(episode.success and not events.any()),
         "time_to_goal": len(episode) * spec.control_dt if episode.success else float("nan"),
         "length": float(len(episode)),
-        "robot_collisions": robot_onsets / 2,  # each robot of a pair counts the onset
-        "obstacle_collisions": obstacle_onsets,
+        "robot_collisions": float(totals[_ROBOT_ONSETS]) / 2,  # both robots count the onset
+        "obstacle_collisions": float(totals[_OBSTACLE_ONSETS]),
         "contact_steps": float(np.count_nonzero(touched)),
         "min_separation": _min_separation(positions, spec),
-        "path_length": float(_norm(positions[1:] - positions[:-1]).sum(axis=0).mean()),
+        "path_length": float(lengths.sum(axis=0).mean()),
         **_of_sides(episode, spec),
         **task.episode_metrics(episode),
     }
@@ -126,13 +120,6 @@ def metrics_of_side(episode: Episode, spec: SideSpec) -> dict[str, float]:
         "clean_success": float(own.success and not own.events.any()),
         "time_to_goal": len(own) * spec.time_step if own.success else float("nan"),
     }
-
-
-def _norm(vectors: Double) -> Double:
-    """Euclidean length of planar vectors, [..., 2]."""
-    x, y = vectors[..., 0], vectors[..., 1]
-    lengths: Double = np.sqrt(x * x + y * y)
-    return lengths
 
 
 def _min_separation(positions: Double, spec: TaskSpec) -> float:

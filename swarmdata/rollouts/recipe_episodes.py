@@ -17,16 +17,11 @@ SIMULATED_COPIES = 64
 """Copies of a task that are stepped together; the episodes do not depend on this number."""
 
 
-def episode_seeds(recipe: Recipe, policy: int, first: int, n_episodes: int) -> Seeds:
-    """Returns the seeds of consecutive episodes in a policy's stream, [n_episodes].
+def episode_seeds(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
+    """Returns the seeds of episodes in a policy's stream, by their index in it, [n].
 
     Their top two bits are zero, so they never coincide with the reserved evaluation seeds.
     """
-    return stream_seeds(recipe, policy, np.arange(first, first + n_episodes, dtype=np.int64))
-
-
-def stream_seeds(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
-    """Returns the seeds of any episodes in a policy's stream, by their index in it, [n]."""
     return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
 
 

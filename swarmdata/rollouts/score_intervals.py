@@ -25,7 +25,6 @@ import math
 from collections.abc import Sequence
 from functools import lru_cache
 from statistics import NormalDist
-from typing import NamedTuple
 
 import numpy as np
 
@@ -71,11 +70,7 @@ def _within(bounds: Bounds, found: Estimate) -> Estimate:
 def difference_interval(x: Double, y: Double) -> Estimate:
     """Returns the mean of `x` minus that of `y` on the same episodes, with its interval.
 
-    What an episode does to both cancels; the seeds of both count.
-
-    Args:
-        x: of one algorithm, [K, E].
-        y: of another, [J, E].
+    What an episode does to both, [K, E] and [J, E], cancels; the seeds of both count.
 
     Raises:
         SchemaError: a table is not finite, or the tables differ in episodes.
@@ -112,26 +107,19 @@ def combination_interval(tables: Sequence[Double], weights: Sequence[float]) -> 
         return Estimate(value, math.nan, math.nan)
     total = sum(w * x.mean(axis=0) for w, x in zip(weights, tables, strict=True))
     shared = float(np.var(total, ddof=1))
-    seeds: list[_Component] = []
+    components = []  # each a variance and its degrees of freedom
     if all(len(x) > 1 for x in tables):
         for weight, x in zip(weights, tables, strict=True):
             k = len(x)
-            seeds.append(_Component(weight**2 * float(x.mean(axis=1).var(ddof=1)) / k, k - 1))
+            components.append((weight**2 * float(x.mean(axis=1).var(ddof=1)) / k, k - 1))
             shared -= weight**2 * _own_share(x)
-    components = [*seeds, _Component(max(shared, 0.0) / n_episodes, n_episodes - 1)]
-    variance = sum(each.variance for each in components)
+    components.append((max(shared, 0.0) / n_episodes, n_episodes - 1))
+    variance = sum(part for part, _ in components)
     if variance <= 0.0:
         return Estimate(value, value, value)
-    df = variance**2 / sum(each.variance**2 / each.df for each in components)
+    df = variance**2 / sum(part**2 / part_df for part, part_df in components)
     half = t_quantile((1.0 + LEVEL) / 2.0, df) * math.sqrt(variance)
     return Estimate(value, value - half, value + half)
-
-
-class _Component(NamedTuple):
-    """A part of the variance, estimated with some degrees of freedom."""
-
-    variance: float
-    df: int
 
 
 def _own_share(x: Double) -> float:
@@ -174,12 +162,8 @@ def rate_interval(outcomes: Double) -> Estimate:
 def seed_interval(means: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds with Student's t interval, for new seeds on the same episodes.
 
-    For curves, of which only means over episodes are kept: new episodes move all seeds together,
-    which this interval does not cover. One seed has none (NaN).
-
-    Args:
-        means: one for each seed, finite, [K].
-        bounds: of the values; the interval ends there.
+    For curves, of which only means over episodes are kept, [K]: new episodes move all seeds
+    together, which this interval does not cover. One seed has none (NaN).
     """
     k, value = len(means), float(means.mean())
     if k == 1:

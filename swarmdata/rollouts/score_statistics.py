@@ -64,20 +64,14 @@ def bootstrap(
         )
     size = max(1, MAX_RESAMPLED_SCORES // scores.size)
     chunks = [min(size, n_resamples - start) for start in range(0, n_resamples, size)]
-    draws = [statistic(resample(scores, generator, n)) for n in chunks]
+    tasks = np.arange(scores.shape[1])
+    draws = [
+        statistic(scores[generator.integers(len(scores), size=(n, *scores.shape)), tasks])
+        for n in chunks
+    ]
     tail = (1.0 - LEVEL) / 2.0
     low, high = np.quantile(np.concatenate(draws), [tail, 1.0 - tail])
     return Estimate(float(statistic(scores)), float(low), float(high))
-
-
-def resample(table: Double, generator: np.random.Generator, n: int) -> Double:
-    """Returns `n` tables of runs drawn with replacement within each task, [n, runs, tasks].
-
-    The tasks are the strata and are not resampled (Agarwal et al. 2021, section 4.1).
-    """
-    n_runs, n_tasks = table.shape
-    rows = generator.integers(n_runs, size=(n, n_runs, n_tasks))
-    return table[rows, np.arange(n_tasks)]
 
 
 def wilson_interval(n_successes: int, n_episodes: int) -> Estimate:

@@ -24,13 +24,7 @@ PAIR_ARRAYS = ("delivered", "ages")
 
 
 def rows_of_side(name: str, array: NDArray[Any], side: Side) -> NDArray[Any]:
-    """The part of an array that belongs to a side, a view; of other arrays, all.
-
-    Args:
-        name: of the array.
-        array: [E, ...] or [T, ...].
-        side: of the task.
-    """
+    """The part of a named array, [E, ...] or [T, ...], that belongs to a side, a view."""
     agents = slice(side.agents.start, side.agents.stop)
     if name in AGENT_ARRAYS:
         return array[:, agents]
@@ -69,7 +63,14 @@ class SidePolicy:
     def __init__(
         self, spec: TaskSpec, policies: Mapping[str, Policy], own: Collection[str] = ()
     ) -> None:
-        check_sides(spec, policies)
+        for name in policies:
+            spec.side(name)
+        missing = [side.name for side in spec.sides if side.name not in policies]
+        if missing:
+            raise SpecError(
+                f"{spec.task} needs a policy for each side, got {', '.join(policies) or 'none'}. "
+                f"Name one for {', '.join(missing)} too"
+            )
         self._seats = [_Seat(side, policies[side.name], side.name in own) for side in spec.sides]
         self._shape = (spec.n_agents, spec.action_size)
         self._last: tuple[Step, list[Step]] | None = None
@@ -138,30 +139,15 @@ def play_sides(
         SpecError: the task has one side only.
     """
     spec.side(side)
-    chosen = {each.name: policy if each.name == side else opponents for each in spec.sides}
-    own = [name for name, each in chosen.items() if not isinstance(each, str)]
-    made = {
-        name: make_policy(each, spec) if isinstance(each, str) else each
-        for name, each in chosen.items()
-    }
-    return SidePolicy(spec, made, own)
-
-
-def check_sides(spec: TaskSpec, names: Collection[str]) -> None:
-    """Checks that there is one name for each side of a task.
-
-    Raises:
-        UnknownNameError: the task has no such side.
-        SpecError: the task has one side only, or a side has no name.
-    """
-    for name in names:
-        spec.side(name)
-    missing = [side.name for side in spec.sides if side.name not in names]
-    if missing:
-        raise SpecError(
-            f"{spec.task} needs a policy for each side, got {', '.join(names) or 'none'}. Name one "
-            f"for {', '.join(missing)} too"
-        )
+    policies, own = {}, []
+    for name in (each.name for each in spec.sides):
+        chosen = policy if name == side else opponents
+        if isinstance(chosen, str):
+            chosen = make_policy(chosen, spec)
+        else:
+            own.append(name)
+        policies[name] = chosen
+    return SidePolicy(spec, policies, own)
 
 
 def end_reason_for(side: Side, end_reason: int) -> int:

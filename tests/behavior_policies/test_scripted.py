@@ -10,9 +10,9 @@ from swarmdata.behavior_policies.scripted import Scripted
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import CIRCLE, POCKET, clearance
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry.components import make_env, make_policy
+from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.specs.task_spec import Obstacles, Robot, Role, TaskSpec
+from swarmdata.specs.task_spec import Obstacles, Role, TaskSpec
 from swarmdata.types import Double, Float, Step, blank_step
 
 HALF = np.array([2.0, 2.0])
@@ -61,20 +61,14 @@ def smallest_clearance(paths: Double, layout: Float) -> float:
     return min(float(clearance(x, y, layout, HALF)) for x, y in paths.reshape(-1, 2))
 
 
-def test_two_robots_pass_each_other_head_on() -> None:
-    starts = np.array([[-1.2, 0.0], [1.2, 0.0]])
-    paths = drive(spec_of(2), starts, -starts)
-    assert smallest_separation(paths) > DIAMETER
-    assert len(paths) < 65  # 2.4 m at 0.6 m/s are 40 steps
-
-
-@pytest.mark.parametrize("n_robots", [4, 8])
-def test_antipodal_swap(n_robots: int) -> None:
+@pytest.mark.parametrize(("n_robots", "most_steps"), [(2, 75), (4, 150), (8, 150)])
+def test_robots_swap_places_across_a_circle(n_robots: int, most_steps: int) -> None:
+    """3 m at 0.6 m/s are 50 steps."""
     angles = 2 * np.pi * np.arange(n_robots) / n_robots
     starts = 1.5 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     paths = drive(spec_of(n_robots), starts, -starts)
     assert smallest_separation(paths) > DIAMETER
-    assert len(paths) < 150
+    assert len(paths) < most_steps
 
 
 def test_a_robot_gets_out_of_a_pocket() -> None:
@@ -113,20 +107,6 @@ def test_right_of_way_is_never_mutual() -> None:
     assert not gives_way(0.6, 0.9)
 
 
-def test_the_default_task_is_solved_almost_without_contact() -> None:
-    env, policy = make_env(TaskSpec(), 64), make_policy("scripted", TaskSpec())
-    step = env.reset(evaluation_seeds(64))
-    policy.reset(step, np.arange(64))
-    touched, solved = np.zeros(64, dtype=np.bool_), np.zeros(64, dtype=np.bool_)
-    while not step.ended.all():
-        running = ~step.ended
-        step = env.step(policy.act(step))
-        touched |= running & step.events.any(axis=(1, 2))
-        solved |= step.successes
-    assert solved.mean() >= 0.95
-    assert (solved & ~touched).mean() >= 0.9
-
-
 def test_episodes_that_it_was_not_told_of_are_refused() -> None:
     spec = TaskSpec()
     env, policy = make_env(spec, 2), Scripted(spec)
@@ -141,36 +121,6 @@ def test_episodes_that_it_was_not_told_of_are_refused() -> None:
     again = env.reset(evaluation_seeds(3)[2:], np.array([1]))
     with pytest.raises(SchemaError, match="reset"):
         policy.act(again)
-
-
-@pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
-@pytest.mark.parametrize("command", ["velocity", "acceleration"])
-def test_it_drives_every_kind_of_robot(dynamics: str, command: str) -> None:
-    robot = Robot.parse({"dynamics": dynamics, "command": command})
-    spec = preset("coop_nav").with_updates(team=[Role(robot=robot)], horizon=200)
-    assert success(spec, 32) >= 0.9
-
-
-@pytest.mark.parametrize(
-    "robot",
-    [
-        {"max_acceleration": 0.4},
-        {"max_speed": 1.5, "max_acceleration": 4.0},
-        {"radius": 0.05, "max_speed": 0.2, "max_acceleration": 1.0},
-    ],
-)
-def test_it_suits_robots_that_are_slower_quicker_or_smaller(robot: dict[str, float]) -> None:
-    role = Role(robot=Robot.parse(robot))
-    assert success(preset("coop_nav").with_updates(team=[role], horizon=500), 24) >= 0.9
-
-
-def success(spec: TaskSpec, n_episodes: int) -> float:
-    env, policy = make_env(spec, n_episodes), Scripted(spec)
-    step = env.reset(np.arange(n_episodes, dtype=np.uint64))
-    policy.reset(step, np.arange(n_episodes))
-    while not step.ended.all():
-        step = env.step(policy.act(step))
-    return float(step.successes.mean())
 
 
 def test_messages_are_zero_and_noise_is_on_commands_only() -> None:

@@ -8,25 +8,7 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, TY, robots_of
-from swarmdata.types import Float, Step
-
-TEAMS = ("scripted-alone", "scripted-naive", "scripted-deaf")
-
-
-def start(name: str, task: str, copies: int = 3) -> tuple[Step, Float]:
-    spec = preset(task)
-    step = make_env(spec, copies).reset(evaluation_seeds(copies))
-    policy = make_policy(name, spec)
-    policy.reset(step, np.arange(copies))
-    return step, policy.act(step)
-
-
-@pytest.mark.parametrize("name", TEAMS)
-def test_an_episode_has_the_same_actions_in_any_batch(name: str) -> None:
-    _, alone = start(name, "coop_nav", 1)
-    _, together = start(name, "coop_nav", 3)
-
-    assert np.array_equal(alone, together[:1])
+from swarmdata.testing.comparing import act_on
 
 
 def test_a_robot_alone_ignores_where_others_are() -> None:
@@ -37,9 +19,7 @@ def test_a_robot_alone_ignores_where_others_are() -> None:
     actions = {}
     for name in ("scripted", "scripted-alone"):
         for where, shown in (("there", step), ("near", moved)):
-            policy = make_policy(name, spec)
-            policy.reset(shown, np.arange(1))
-            actions[name, where] = policy.act(shown)[0, 0]
+            actions[name, where] = act_on(make_policy(name, spec), shown)[0, 0]
 
     assert not np.array_equal(actions["scripted", "there"], actions["scripted", "near"])
     assert np.array_equal(actions["scripted-alone", "there"], actions["scripted-alone", "near"])
@@ -47,13 +27,13 @@ def test_a_robot_alone_ignores_where_others_are() -> None:
 
 @pytest.mark.parametrize("name", ["scripted-alone", "scripted-naive"])
 def test_each_robot_knows_where_the_payload_goes(name: str) -> None:
-    step, actions = start(name, "transport", 1)
+    spec = preset("transport")
+    step = make_env(spec, 1).reset(evaluation_seeds(1))
     elsewhere = step._replace(states=step.states.copy())
-    robots_of(elsewhere.states, step.observations.shape[1])[..., [TX, TY]] *= np.float32(-1.0)
-    policy = make_policy(name, preset("transport"))
-    policy.reset(elsewhere, np.arange(1))
+    robots_of(elsewhere.states, spec.n_agents)[..., [TX, TY]] *= np.float32(-1.0)
+    here, there = (act_on(make_policy(name, spec), shown) for shown in (step, elsewhere))
 
-    assert (policy.act(elsewhere) != actions).any(axis=-1).all()
+    assert (here != there).any(axis=-1).all()
 
 
 @pytest.mark.slow

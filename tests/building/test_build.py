@@ -269,7 +269,7 @@ def test_part_is_a_pure_function() -> None:
 
 def test_seeds_are_distinct_and_never_reserved() -> None:
     recipe = make_recipe()
-    seeds = np.concatenate([episode_seeds(recipe, policy, 0, 50_000) for policy in (0, 1)])
+    seeds = np.concatenate([episode_seeds(recipe, policy, np.arange(50_000)) for policy in (0, 1)])
 
     assert seeds.dtype == np.uint64
     assert (seeds < EVALUATION_BASE).all()

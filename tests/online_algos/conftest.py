@@ -1,23 +1,15 @@
-"""A made-up task with two episodes, and an easy world to learn in."""
+"""A made-up task with two episodes."""
 
-from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry.components import make_env
-from swarmdata.registry.presets import preset
-from swarmdata.rollouts.metrics import episode_metrics
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds, Step, no_messages
 
 N_AGENTS = 2
-EASY, N_EPISODES = "coop_nav-easy", 50
 
 
 class TwoEpisodes:
@@ -73,18 +65,3 @@ class TwoEpisodes:
 def two_episodes() -> TwoEpisodes:
     """Four copies of it."""
     return TwoEpisodes(4)
-
-
-@pytest.fixture
-def easy_success(tmp_path: Path) -> Callable[[Any, Any], float]:
-    """Trains one seed of an algorithm in the easy world; returns its share of solved episodes."""
-
-    def train(kind: Any, config: Any) -> float:
-        run = kind(make_env(preset(EASY), config.n_copies), [0], config, tmp_path)
-        while run.frames < config.n_steps:
-            run.update()
-        env = make_env(preset(EASY), N_EPISODES)
-        episodes = rollout(env, run.policy(0), evaluation_seeds(N_EPISODES))
-        return float(np.mean([episode_metrics(e, env.task)["success"] for e in episodes]))
-
-    return train

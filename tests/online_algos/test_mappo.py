@@ -30,7 +30,6 @@ from swarmdata.online_algos.mappo import (
 )
 from swarmdata.online_algos.ppo.initial_weights import StartConfig
 from swarmdata.online_algos.ppo.rollout_samples import sample_segments
-from swarmdata.online_algos.shaping.shaped_env import ShapingConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
@@ -52,14 +51,6 @@ def test_the_shaping_knows_the_progress_of_training() -> None:
         progress.append(run.env.progress)
     each = SMALL.rollout_steps * SMALL.n_copies / SMALL.n_steps
     np.testing.assert_allclose(progress, [0.0, each, 2 * each])
-
-
-def test_training_rewards_may_differ_from_the_task() -> None:
-    shaping = ShapingConfig(reward_weights=("proximity=2", "time=0"))
-    run = build(config=replace(SMALL, shaping=shaping))
-    weights = run.worlds.env.spec.rules.rewards
-    assert (weights.proximity, weights.time) == (2.0, 0.0)
-    assert weights.success == TaskSpec().rules.rewards.success
 
 
 def current_means(run: MAPPO) -> torch.Tensor:
@@ -101,12 +92,6 @@ def test_actions_have_the_probability_that_is_learned_from(correlation: float) -
     losses = run.update()  # one step, whose losses are of the actors that acted
     np.testing.assert_allclose(losses["kl"], 0.0, atol=1e-5)
     np.testing.assert_allclose(losses["policy"], 0.0, atol=1e-4)  # advantages have mean 0
-
-
-@pytest.mark.parametrize("correlation", [1.0, -0.1, float("nan")])
-def test_a_correlation_outside_its_range_is_refused(correlation: float) -> None:
-    with pytest.raises(SpecError, match=r"noise_correlation is .* below 1"):
-        replace(SMALL, noise_correlation=correlation)
 
 
 def test_no_noise_is_carried_over_to_the_next_episode() -> None:
@@ -261,11 +246,6 @@ def test_a_bonus_on_entropy_widens_the_actions(parameters: Parameters) -> None:
     assert (spread[1] > 1.1 * spread[0]).all()
 
 
-def test_a_bonus_on_a_constant_entropy_is_refused() -> None:
-    with pytest.raises(SpecError, match="entropy is constant; set learned_std"):
-        replace(SMALL, entropy_weight=0.01)
-
-
 MEMORY = replace(SMALL, memory="gru", memory_size=8, window=8, final_std=SMALL.std)
 
 
@@ -321,10 +301,20 @@ def test_the_policy_remembers_as_in_training(parameters: Parameters) -> None:
         run.worlds.advance(means.numpy())
 
 
-def test_what_a_memory_does_not_go_with_is_refused() -> None:
-    with pytest.raises(SpecError, match="multiple of window"):
-        replace(MEMORY, window=5)
-    with pytest.raises(SpecError, match="memory_size=0"):
-        replace(MEMORY, memory_size=0)
-    with pytest.raises(SpecError, match="no memory"):
-        replace(MEMORY, start=StartConfig(teacher="scripted"))
+@pytest.mark.parametrize(
+    ("config", "changes", "message"),
+    [
+        (SMALL, {"noise_correlation": 1.0}, "noise_correlation is 1, expected at least 0, below 1"),
+        (SMALL, {"noise_correlation": -0.1}, "noise_correlation is -0.1"),
+        (SMALL, {"noise_correlation": float("nan")}, "noise_correlation is nan"),
+        (SMALL, {"entropy_weight": 0.01}, "entropy is constant; set learned_std"),
+        (MEMORY, {"window": 5}, "multiple of window"),
+        (MEMORY, {"memory_size": 0}, "memory_size=0"),
+        (MEMORY, {"start": StartConfig(teacher="scripted")}, "no memory"),
+    ],
+)
+def test_settings_that_do_not_go_together_are_refused(
+    config: MAPPOConfig, changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SpecError, match=message):
+        replace(config, **changes)

@@ -168,7 +168,7 @@ def test_robots_take_bins_and_the_replay_keeps_them(two_episodes: Any, tmp_path:
     assert actions.shape == kept.shape == (1, 4, 2, 2)
     torch.testing.assert_close(actions, bins.bin_values(3)[kept.long()])
     run.update()
-    choices = run.collector.replay.sample(run.collector.acting, 200).actions
+    choices = run.replay.sample(run.acting, 200).actions
     assert set(choices.unique().tolist()) == {0.0, 1.0, 2.0}
 
 
@@ -177,7 +177,7 @@ def test_exploration_falls_with_the_frames(two_episodes: Any, tmp_path: Path) ->
     seen = torch.randn(1, 4, 2, 3)
     best = greedy_choices(run.learner.utilities(seen)).float()
     early = torch.stack([run.explore(seen)[1] for _ in range(200)])
-    run.collector.frames = 200  # half of the training
+    run.frames = 200  # half of the training
     late = torch.stack([run.explore(seen)[1] for _ in range(20)])
     assert (early != best).float().mean() == pytest.approx(2 / 3, abs=0.05)
     assert (late == best).all()
@@ -187,7 +187,7 @@ def test_policies_do_not_explore(two_episodes: Any, tmp_path: Path) -> None:
     run = loop_of(two_episodes, tmp_path)
     policy = run.policy(0)
     seen = np.random.default_rng(0).normal(size=(4, 2, 3)).astype(np.float32)
-    normal = SeedNormalizer(run.collector.moments).observations(torch.from_numpy(seen)[None])
+    normal = SeedNormalizer(run.moments).observations(torch.from_numpy(seen)[None])
     best = greedy_choices(run.learner.utilities(normal))[0]
     np.testing.assert_array_equal(policy.actions(seen), bins.to_actions(best, 3).numpy())
 

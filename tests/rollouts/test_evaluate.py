@@ -10,31 +10,18 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE, evaluation_seeds
 from swarmdata.registry.components import make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.action_probabilities import noisy_log_probs
 from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.rollouts.function_policy import FunctionPolicy
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import EvalResult, Float, Int, Step
+from swarmdata.types import EvalResult
 
 METRICS = metrics_of("coop_nav")
 
 SPEC = TaskSpec(horizon=30)
 
 
-class Seek:
-    """Drives straight at the goal."""
-
-    uses_state = False
-
-    def reset(self, step: Step, copies: Int) -> None:
-        pass
-
-    def act(self, step: Step) -> Float:
-        return np.clip(step.observations[..., 6:8], -1.0, 1.0)
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return noisy_log_probs(self.act(step).astype(np.float64), actions, 0.0)
+SEEK = FunctionPolicy(lambda observations: observations[..., 6:8])  # straight at the goal
 
 
 def result(policy: str = "seek", n: int = 5, **changes: Any) -> EvalResult:
@@ -46,8 +33,9 @@ def result(policy: str = "seek", n: int = 5, **changes: Any) -> EvalResult:
 
 
 def test_evaluation_does_not_depend_on_the_number_of_copies() -> None:
-    few = evaluate(Seek(), SPEC, name="seek", n_episodes=9, n_copies=2, progress=False)
-    many = evaluate(Seek(), SPEC, name="seek", n_episodes=9, n_copies=64, progress=False)
+    few, many = (
+        evaluate(SEEK, SPEC, name="seek", n_episodes=9, n_copies=n, progress=False) for n in (2, 64)
+    )
     assert few.policy == "seek"
     assert (few.task, few.spec_hash) == ("coop_nav", SPEC.hash())
     assert few.seeds.tolist() == [EVALUATION_BASE + k for k in range(9)]
@@ -60,7 +48,7 @@ def test_evaluation_does_not_depend_on_the_number_of_copies() -> None:
 
 def test_no_episodes_are_refused() -> None:
     with pytest.raises(SchemaError, match="n_episodes is 0, expected at least 1"):
-        evaluate(Seek(), SPEC, name="seek", n_episodes=0)
+        evaluate(SEEK, SPEC, n_episodes=0)
 
 
 def test_only_results_of_one_spec_and_the_same_seeds_compare() -> None:

@@ -9,10 +9,9 @@ from hypothesis import strategies as st
 
 from swarmdata import FunctionPolicy, make_env
 from swarmdata.errors import SchemaError
-from swarmdata.interfaces import Policy
 from swarmdata.rollouts.function_policy import frame_of
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Float, Step
 
 SPEC = TaskSpec(horizon=5)
@@ -28,22 +27,14 @@ def drive(observations: Float) -> Float:
 
 def test_it_is_a_policy_that_acts_as_the_function_says() -> None:
     policy, step = FunctionPolicy(drive), first_step()
-    assert isinstance(policy, Policy)
-    assert not policy.uses_state
     actions = policy.act(step)
-    assert actions.dtype == np.float32
     assert np.array_equal(actions, np.sin(3 * step.observations[..., :2]).astype(np.float32))
     assert not policy.log_probs(step, actions).any()  # it is sure of what it does
     assert np.isneginf(policy.log_probs(step, np.float32(0.5) * actions)).all()
 
 
-def test_an_episode_is_the_same_alone_and_in_a_batch() -> None:
-    seeds = np.arange(3, dtype=np.uint64)
-    together = list(rollout(make_env(SPEC, 3), FunctionPolicy(drive), seeds))
-    alone = list(rollout(make_env(SPEC, 1), FunctionPolicy(drive), seeds))
-    for ours, theirs in zip(together, alone, strict=True):
-        assert np.array_equal(ours.actions, theirs.actions)
-        assert not ours.log_probs.any()
+def test_it_keeps_the_contract() -> None:
+    check_policy(FunctionPolicy(drive), SPEC, make_env)
 
 
 @settings(deadline=None, max_examples=20)
@@ -56,17 +47,19 @@ def test_actions_are_clipped(value: float) -> None:
     assert not FunctionPolicy(policy._function).log_probs(step, actions).any()
 
 
-@pytest.mark.parametrize("shape", [(3, 2), (3, 4), (12, 2), (1, 4, 2), (3, 4, 2, 1)])
-def test_what_is_no_joint_action_is_refused(shape: tuple[int, ...]) -> None:
-    with pytest.raises(SchemaError, match="one action of each robot in each copy"):
-        FunctionPolicy(lambda _: np.zeros(shape)).act(first_step())
+SHAPES = ((3, 2), (3, 4), (12, 2), (1, 4, 2), (3, 4, 2, 1))
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_actions_that_are_not_finite_are_refused(value: Any) -> None:
-    policy = FunctionPolicy(lambda seen: np.full((*seen.shape[:2], 2), value))
-    with pytest.raises(SchemaError, match="not finite"):
-        policy.act(first_step())
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        *((np.zeros(shape), "one action of each robot in each copy") for shape in SHAPES),
+        *((np.full((3, 4, 2), value), "not finite") for value in (np.nan, np.inf)),
+    ],
+)
+def test_what_is_no_joint_action_is_refused(actions: Any, message: str) -> None:
+    with pytest.raises(SchemaError, match=message):
+        FunctionPolicy(lambda _: actions).act(first_step())
 
 
 def test_tensors_are_taken() -> None:

@@ -169,11 +169,6 @@ def test_an_episode_is_the_same_in_any_batch_and_order(n_copies: int) -> None:
         assert same(episode, alone[episode.seed])
 
 
-def test_many_short_episodes_go_around_the_ring() -> None:
-    seeds = np.arange(200, dtype=np.uint64)
-    assert [len(e) for e in run(seeds, 3)] == [1 + s % HORIZON for s in range(200)]
-
-
 def test_repeated_seeds_give_repeated_episodes() -> None:
     first, second = run(np.array([4, 4], np.uint64), 2)
     assert same(first, second)
@@ -210,29 +205,16 @@ def test_wrong_seeds_are_refused_at_the_call(seeds: Seeds) -> None:
         rollout(Counting(2), Noisy(2), seeds)
 
 
-def test_wrong_actions_are_refused() -> None:
-    policy = Noisy(2)
+def test_wrong_actions_and_log_probs_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    policy, other = Noisy(2), Noisy(2)
     policy.buffer = policy.buffer.astype(np.float64)
-    with pytest.raises(
-        SchemaError, match=r"Noisy.act returned float64 \[2, 3, 2\], expected float32"
-    ):
+    with pytest.raises(SchemaError, match=r"Noisy.act returned float64 .* expected float32"):
         next(rollout(Counting(2), policy, SEEDS))
-
-
-def test_wrong_log_probs_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Noisy, "log_probs", lambda self, step, actions: actions)
-    with pytest.raises(
-        SchemaError,
-        match=r"Noisy.log_probs returned float32 \[2, 3, 2\], expected float32 \[2, 3\]",
-    ):
-        next(rollout(Counting(2), Noisy(2), SEEDS))
+    monkeypatch.setattr(other, "log_probs", lambda step, actions: actions)
+    with pytest.raises(SchemaError, match=r"log_probs returned .* expected float32 \[2, 3\]"):
+        next(rollout(Counting(2), other, SEEDS))
 
 
 def test_an_episode_beyond_the_horizon_is_an_error() -> None:
     with pytest.raises(SchemaError, match="goes on after 7 steps"):
         list(rollout(Counting(2, endless=True), Noisy(2), SEEDS))
-
-
-def test_unwanted_surplus_copies_may_outlive_the_wanted_ones() -> None:
-    (episode,) = run(np.array([0], np.uint64), 4)
-    assert len(episode) == 1

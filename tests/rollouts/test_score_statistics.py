@@ -62,17 +62,6 @@ def test_bootstrap_is_a_function_of_the_generator_and_of_no_chunking(
     assert run() == whole
 
 
-def test_bootstrap_covers_the_true_mean() -> None:
-    rng = np.random.default_rng(11)
-    hits = 0
-    for _ in range(200):
-        low, high = bootstrap(
-            score_statistics.mean, rng.normal(size=(60, 1)), generator=rng, n_resamples=400
-        )[1:]
-        hits += low <= 0.0 <= high
-    assert 180 <= hits <= 199  # 95 % of 200, with room for five standard deviations below
-
-
 @pytest.mark.parametrize("table", [np.zeros((0, 1)), np.zeros(3), np.array([[np.nan]])])
 def test_bootstrap_refuses_what_is_not_a_finite_table(table: Double) -> None:
     with pytest.raises(SchemaError, match=r"expected finite \[runs, tasks\]"):

@@ -11,11 +11,12 @@ from swarmdata.behavior_policies.navigation.robot_scales import (
     Team,
     scales_of,
 )
+from swarmdata.interfaces import VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
-from swarmdata.types import Double, Step
+from swarmdata.types import Step
 
 EASY = preset("coop_nav-easy")
 OPEN = EASY.with_updates(obstacles={"circles": 0, "boxes": 0, "corners": 0, "pockets": 0})
@@ -41,22 +42,11 @@ def test_scales_follow_brakes_size_and_turns() -> None:
     assert scales(dynamics="unicycle", max_turn_rate=9.0) == (1.0, 1.0)
 
 
-def follow(spec: TaskSpec, targets: Double, drift: tuple[float, float], n_steps: int) -> Step:
-    """Drives copy 0 towards targets [N, 2] that move by `drift` m/s."""
+def begun(spec: TaskSpec) -> tuple[VecEnv, Navigator, Step]:
     env, navigator = make_env(spec, 1), Navigator(spec)
     step = env.reset(np.array([4], dtype=np.uint64))
     navigator.reset(step, np.arange(1))
-    drifts = np.broadcast_to(drift, (1, *targets.shape))
-    for _ in range(n_steps):
-        step = env.step(navigator.commands(step, targets[None], drifts))
-        targets += np.array(drift) * spec.control_dt
-    return step
-
-
-def test_robots_go_to_the_targets_they_are_given() -> None:
-    targets = np.array([[1.5, 1.5], [-1.5, 1.5], [-1.5, -1.5], [1.5, -1.5]])
-    step = follow(OPEN, targets.copy(), (0.0, 0.0), 100)
-    np.testing.assert_allclose(robots_of(step.states, 4)[0, :, [X, Y]].T, targets, atol=0.02)
+    return env, navigator, step
 
 
 @pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
@@ -66,9 +56,7 @@ def test_a_drift_that_is_known_leaves_no_lag(dynamics: str) -> None:
     lags = {}
     for known in (True, False):
         targets = np.array([[-1.5, -1.0]])
-        env, navigator = make_env(spec, 1), Navigator(spec)
-        step = env.reset(np.array([4], dtype=np.uint64))
-        navigator.reset(step, np.arange(1))
+        env, navigator, step = begun(spec)
         drifts = np.array([[[0.2, 0.0]]]) if known else None
         for _ in range(120):
             step = env.step(navigator.commands(step, targets[None], drifts))
@@ -81,9 +69,7 @@ def test_a_drift_that_is_known_leaves_no_lag(dynamics: str) -> None:
 def test_paths_are_planned_anew_when_targets_jump() -> None:
     """Two targets on the two sides of a wall with a door, one after the other."""
     spec = preset("coop_nav-doorway").with_updates(team=[{"count": 1}], horizon=400)
-    env, navigator = make_env(spec, 1), Navigator(spec)
-    step = env.reset(np.array([4], dtype=np.uint64))
-    navigator.reset(step, np.arange(1))
+    env, navigator, step = begun(spec)
     for goal in ([1.0, 1.5], [-1.0, 1.5], [1.0, -1.5]):  # none of them the robot's own goal
         for _ in range(120):
             step = env.step(navigator.commands(step, np.array([[goal]])))

@@ -7,24 +7,15 @@ from swarmdata.behavior_policies.heard_goals import HEARD_X, MASK, TARGET_X
 from swarmdata.behavior_policies.pursuit.beliefs import (
     LOST_AGE,
     Beliefs,
-    Hunt,
     blank_beliefs,
     is_known,
     update_beliefs,
 )
-from swarmdata.behavior_policies.pursuit.ring import N_DIRECTIONS
-from swarmdata.envs.pursuit.evader import direction_table
-from swarmdata.envs.pursuit.sightings import CAPTURED, FREE, Columns
+from swarmdata.envs.pursuit.sightings import CAPTURED, FREE
 from swarmdata.types import Double, Float
+from tests.behavior_policies.pursuit.hunts import NOTHING, hunt
 
-NOTHING: Float = np.zeros((0, 8), np.float32)
-
-
-def hunt(is_limited: bool = True, n_evaders: int = 1) -> Hunt:
-    return Hunt(
-        Columns.of(2, n_evaders, is_limited), np.array([4.0, 4.0]), 0.1, 0.6, 1.0, 0.1, 1.0, 2,
-        direction_table(N_DIRECTIONS),
-    )  # fmt: skip
+SEES_ALL, LIMITED, TWO_EVADERS = hunt(2), hunt(2, is_limited=True), hunt(2, 2, is_limited=True)
 
 
 def one(n_views: int = 2, n_evaders: int = 1) -> Beliefs:
@@ -53,47 +44,47 @@ def message(heard: Double, place: tuple[float, float], target: tuple[float, floa
 
 
 def test_a_team_that_sees_everything_knows_the_present() -> None:
-    beliefs, c = one(n_views=1), hunt(False).columns
+    beliefs, c = one(n_views=1), SEES_ALL.columns
     state = apart()[:24]
     state[c.places : c.places + 2], state[c.velocities] = (1.0, 2.0), 0.5
-    update_beliefs(state, silence(), NOTHING, hunt(False), beliefs)
+    update_beliefs(state, silence(), NOTHING, SEES_ALL, beliefs)
     assert beliefs.places[0, 0].tolist() == [1.0, 2.0]
     assert beliefs.velocities[0, 0].tolist() == [0.5, 0.0]
     assert beliefs.mates[0].tolist() == [[0.0, 0.0], [3.0, 0.0]]
     assert is_known(beliefs, 0, 0)
     state[c.captured] = 1.0
-    update_beliefs(state, silence(), NOTHING, hunt(False), beliefs)
+    update_beliefs(state, silence(), NOTHING, SEES_ALL, beliefs)
     assert not is_known(beliefs, 0, 0)
 
 
 def test_a_lost_evader_goes_on_more_and_more_slowly_until_it_is_forgotten() -> None:
-    beliefs, state, c = one(), apart(), hunt().columns
+    beliefs, state, c = one(), apart(), LIMITED.columns
     memory = state[c.memory : c.memory + 6]
     memory[:] = FREE, 0.5, 2.0, 0.8, 0.0, 0.0
-    update_beliefs(state, silence(), NOTHING, hunt(), beliefs)
+    update_beliefs(state, silence(), NOTHING, LIMITED, beliefs)
     assert beliefs.ages[:, 0].tolist() == pytest.approx([0.0, LOST_AGE + 0.1])
     memory[5] = 0.1
     steps = []
     for _ in range(49):
         before = beliefs.places[0, 0, 0]
-        update_beliefs(state, silence(), NOTHING, hunt(), beliefs)
+        update_beliefs(state, silence(), NOTHING, LIMITED, beliefs)
         steps.append(beliefs.places[0, 0, 0] - before)
         assert is_known(beliefs, 0, 0)
     assert steps[0] == pytest.approx(0.072, abs=1e-6)
     assert steps[1] == pytest.approx(0.9 * steps[0], abs=1e-6)
     for _ in range(2):
-        update_beliefs(state, silence(), NOTHING, hunt(), beliefs)
+        update_beliefs(state, silence(), NOTHING, LIMITED, beliefs)
     assert not is_known(beliefs, 0, 0)
 
 
 def test_an_evader_that_is_not_where_it_was_is_unknown() -> None:
-    beliefs, state, c = one(), apart(), hunt().columns
+    beliefs, state, c = one(), apart(), LIMITED.columns
     state[c.memory : c.memory + 6] = FREE, 0.5, 0.0, 0.0, 0.0, 0.0
-    update_beliefs(state, silence(), NOTHING, hunt(), beliefs)
+    update_beliefs(state, silence(), NOTHING, LIMITED, beliefs)
     state[c.memory + 5] = 0.1
     seen = []
     for _ in range(5):
-        update_beliefs(state, silence(), NOTHING, hunt(), beliefs)
+        update_beliefs(state, silence(), NOTHING, LIMITED, beliefs)
         seen.append(bool(is_known(beliefs, 0, 0)))
     assert seen == [True, True, False, False, False]
 
@@ -101,39 +92,39 @@ def test_an_evader_that_is_not_where_it_was_is_unknown() -> None:
 def test_messages_tell_where_an_evader_is_and_how_fast() -> None:
     beliefs, state = one(), apart()
     heard = message(silence(), (0.1, 0.2), (1.0, 1.0))
-    update_beliefs(state, heard, NOTHING, hunt(), beliefs)
+    update_beliefs(state, heard, NOTHING, LIMITED, beliefs)
     assert beliefs.mates[1, 0].tolist() == [0.1, 0.2]
     assert beliefs.places[1, 0].tolist() == [1.0, 1.0]
     assert beliefs.velocities[1, 0].tolist() == [0.0, 0.0]  # from one place, it says nothing
     heard = message(silence(), (0.1, 0.2), (1.05, 1.02))
-    update_beliefs(state, heard, NOTHING, hunt(), beliefs)
+    update_beliefs(state, heard, NOTHING, LIMITED, beliefs)
     np.testing.assert_allclose(beliefs.velocities[1, 0], [0.5, 0.2])
     assert beliefs.ages[1, 0] == pytest.approx(0.1)
     assert not is_known(beliefs, 0, 0)  # the sender's own memory says nothing
     for _ in range(50):  # the sender has lost it, and tells the same place
         assert is_known(beliefs, 1, 0)
-        update_beliefs(state, heard, NOTHING, hunt(), beliefs)
+        update_beliefs(state, heard, NOTHING, LIMITED, beliefs)
     assert not is_known(beliefs, 1, 0)
 
 
 def test_a_sender_without_an_evader_tells_its_own_place() -> None:
     beliefs = one()
     heard = message(silence(), (0.1, 0.2), (0.1, 0.2))
-    update_beliefs(apart(), heard, NOTHING, hunt(), beliefs)
+    update_beliefs(apart(), heard, NOTHING, LIMITED, beliefs)
     assert not is_known(beliefs, 1, 0)
 
 
 def test_sight_counts_more_than_messages_and_a_capture_is_remembered() -> None:
-    beliefs, state, c = one(), apart(), hunt().columns
+    beliefs, state, c = one(), apart(), LIMITED.columns
     memory = state[c.memory + 6 : c.memory + 12]
     memory[:] = FREE, 3.5, 0.0, 0.0, 0.0, 0.0
     heard = message(silence(), (0.0, 0.0), (1.0, 1.0))
-    update_beliefs(state, heard, NOTHING, hunt(), beliefs)
+    update_beliefs(state, heard, NOTHING, LIMITED, beliefs)
     assert beliefs.places[1, 0].tolist() == [3.5, 0.0]
     memory[0] = CAPTURED
-    update_beliefs(state, heard, NOTHING, hunt(), beliefs)
+    update_beliefs(state, heard, NOTHING, LIMITED, beliefs)
     heard[1, 0, TARGET_X] = 1.2
-    update_beliefs(state, heard, NOTHING, hunt(), beliefs)
+    update_beliefs(state, heard, NOTHING, LIMITED, beliefs)
     assert not is_known(beliefs, 1, 0)
 
 
@@ -142,5 +133,5 @@ def test_two_places_that_are_told_are_two_evaders() -> None:
     state[8:10] = 3.0, 0.0
     for target in ((1.0, 1.0), (-2.0, -2.0), (1.05, 1.0)):
         heard = message(silence(), (0.0, 0.0), target)
-        update_beliefs(state, heard, NOTHING, hunt(n_evaders=2), beliefs)
+        update_beliefs(state, heard, NOTHING, TWO_EVADERS, beliefs)
     np.testing.assert_allclose(beliefs.places[1], [[1.05, 1.0], [-2.0, -2.0]])

@@ -12,20 +12,10 @@ from swarmdata.behavior_policies.pursuit.groups import (
     form_groups,
     goals_of_chases,
 )
-from swarmdata.behavior_policies.pursuit.ring import N_DIRECTIONS
-from swarmdata.envs.pursuit.evader import direction_table
-from swarmdata.envs.pursuit.sightings import Columns
-from swarmdata.types import Double, Float
+from swarmdata.types import Double
+from tests.behavior_policies.pursuit.hunts import NOTHING, hunt
 
-NOTHING: Float = np.zeros((0, 8), np.float32)
 SEED, RINGS = np.uint64(3), np.zeros((0, 2))
-
-
-def hunt(n: int, n_evaders: int, captors: int) -> Hunt:
-    return Hunt(
-        Columns.of(n, n_evaders, False), np.array([4.0, 4.0]), 0.1, 0.6, 1.0, 0.1, 1.2, captors,
-        direction_table(N_DIRECTIONS),
-    )  # fmt: skip
 
 
 def team(mates: list[tuple[float, float]], evaders: list[tuple[float, float]], views: int = 1

@@ -21,9 +21,7 @@ from swarmdata.envs.warehouse.floor_plan import FloorPlan, corridor
 from swarmdata.envs.warehouse.warehouse import Warehouse
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.numerics.geometry import clearance
-from swarmdata.registry.components import make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.state_layout import TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds
@@ -174,34 +172,3 @@ def test_two_robots_pass_each_other_head_on_in_an_aisle() -> None:
         x = robots_of(step.states, 2)[0, :, 0]
         passed = passed or bool(x[0] > x[1] + 0.5)
     assert passed
-
-
-@pytest.mark.parametrize("name", ["warehouse", "warehouse-easy", "warehouse-n3", "warehouse-hard"])
-def test_orders_get_delivered(name: str) -> None:
-    spec = preset(name)
-    policy = make_policy("scripted", spec)
-    result = evaluate(policy, spec, name="scripted", n_episodes=40, progress=False)
-    assert result.metrics["success"].mean() >= 0.75  # 0.8 and more in 1,000 episodes
-    assert result.metrics["deadlocks"].mean() <= 0.1
-    assert result.metrics["robot_collisions"].mean() <= 0.2
-
-
-@pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
-@pytest.mark.parametrize("command", ["velocity", "acceleration"])
-def test_robots_of_every_drive_deliver(dynamics: str, command: str) -> None:
-    robot = {"dynamics": dynamics, "command": command}
-    spec = WIDE.with_updates(team=[{"count": 4, "robot": robot}])
-    policy = make_policy("scripted", spec)
-    result = evaluate(policy, spec, name="scripted", n_episodes=40, progress=False)
-    assert result.metrics["success"].mean() >= 0.75
-    assert result.metrics["robot_collisions"].mean() <= 0.1
-
-
-def test_robots_of_different_sizes_and_speeds_share_the_floor() -> None:
-    small = {"radius": 0.08, "max_speed": 0.4}
-    team = [{"name": "big", "count": 2}, {"name": "small", "count": 2, "robot": small}]
-    spec = WIDE.with_updates(team=team)
-    policy = WarehouseController(spec)
-    result = evaluate(policy, spec, name="scripted", n_episodes=20, progress=False)
-    assert result.metrics["deliveries"].mean() >= 6.0
-    assert result.metrics["robot_collisions"].mean() <= 0.1

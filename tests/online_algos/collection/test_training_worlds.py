@@ -14,22 +14,6 @@ from swarmdata.specs.task_spec import TaskSpec
 SPEC = TaskSpec(horizon=6)
 
 
-def play(seeds: tuple[int, ...], n_steps: int = 20) -> list[np.ndarray]:
-    """Observations of the last seed while all do the same."""
-    worlds = Worlds(make_env(SPEC, 3 * len(seeds)), seeds, None)
-    seen = []
-    for t in range(n_steps):
-        actions = np.full((len(seeds), 3, 4, 2), 0.1 * t - 1, np.float32)
-        worlds.advance(actions)
-        seen.append(worlds.observations(worlds.current_step)[-1].copy())
-    return seen
-
-
-def test_a_seeds_episodes_do_not_depend_on_the_others() -> None:
-    for alone, beside in zip(play((5,)), play((9, 2, 5)), strict=True):
-        np.testing.assert_array_equal(alone, beside)
-
-
 def test_training_seeds_never_meet_the_evaluation_seeds_and_never_repeat() -> None:
     worlds = Worlds(make_env(SPEC, 8), (0, 1), None)
     met = list(worlds.current_step.seeds)
@@ -54,17 +38,6 @@ def test_a_copy_that_ended_begins_anew_after_its_last_step() -> None:
     assert last.truncations.all()
     assert (last.times == 6).all()
     assert (worlds.current_step.times == 0).all()
-
-
-def test_restored_worlds_begin_the_episodes_that_would_have_come() -> None:
-    first = Worlds(make_env(SPEC, 4), (0, 1), None)
-    for _ in range(8):
-        first.advance(np.zeros((2, 2, 4, 2), np.float32))
-    state = first.state_dict()
-    second = Worlds(make_env(SPEC, 4), (0, 1), None)
-    second.load_state_dict(state)
-    first.restart()
-    np.testing.assert_array_equal(first.current_step.seeds, second.current_step.seeds)
 
 
 def test_actions_in_a_frame_move_robots_along_their_anchor() -> None:

@@ -63,11 +63,6 @@ def small(algorithm: str) -> dict[str, str]:
 
 
 @pytest.fixture(scope="module")
-def dataset(tiny: Path) -> Path:
-    return tiny
-
-
-@pytest.fixture(scope="module")
 def task(tmp_path_factory: pytest.TempPathFactory) -> str:
     file = tmp_path_factory.mktemp("task") / "tiny.yaml"
     file.write_text(TINY.spec.to_yaml())
@@ -75,19 +70,24 @@ def task(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 
 @pytest.fixture(scope="module")
-def runs(dataset: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+def runs(tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """A run of each offline algorithm, of a few updates."""
-    data, folders = Dataset.open(dataset), {}
-    for name, changes in OFFLINE.items():
-        algorithm = name.split("-")[0]
-        kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
-        config = override(kind.Config(), {"n_updates": "6", "batch_size": "16", **changes})
-        folders[name] = tmp_path_factory.mktemp("runs") / name
-        train_seeds(
-            algorithm, data, folders[name], seeds=SEEDS, config=config,
-            frame=frame_of(data.spec), progress=False,
-        )  # fmt: skip
-    return folders
+    data, folder = Dataset.open(tiny), tmp_path_factory.mktemp("runs")
+    return {
+        name: trained(name.split("-")[0], data, folder / name, changes)
+        for name, changes in OFFLINE.items()
+    }
+
+
+def trained(algorithm: str, data: Dataset, folder: Path, changes: Mapping[str, str]) -> Path:
+    """An offline run of a few updates."""
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    config = override(kind.Config(), {"n_updates": "6", "batch_size": "16", **changes})
+    train_seeds(
+        algorithm, data, folder, seeds=SEEDS, config=config, frame=frame_of(data.spec),
+        progress=False,
+    )  # fmt: skip
+    return folder
 
 
 @pytest.fixture(autouse=True)
@@ -109,10 +109,7 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("algorithm", "offline"),
-    PAIRS[1:4],
-)
+@pytest.mark.parametrize(("algorithm", "offline"), PAIRS[1:4])
 def test_the_first_policies_are_those_of_the_offline_run(
     algorithm: str, offline: str, runs: dict[str, Path], task: str, tmp_path: Path
 ) -> None:
@@ -145,11 +142,11 @@ def test_they_act_alike_bit_for_bit(
 @pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ["maddpg", *slow("qmix")])
 def test_a_killed_run_that_started_and_mixes_data_ends_as_a_whole_one(
-    algorithm: str, runs: dict[str, Path], task: str, dataset: Path, tmp_path: Path,
+    algorithm: str, runs: dict[str, Path], task: str, tiny: Path, tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     offline = runs["bc" if algorithm == "maddpg" else "qmix"]
-    options = {"data": str(dataset), "offline_share": 0.25}
+    options = {"data": str(tiny), "offline_share": 0.25}
     start(algorithm, task, tmp_path / "whole", offline, **options)
     calls = []
 
@@ -174,15 +171,15 @@ def test_a_killed_run_that_started_and_mixes_data_ends_as_a_whole_one(
 
 
 def test_a_batch_has_its_share_of_recorded_rows(
-    runs: dict[str, Path], dataset: Path, tmp_path: Path
+    runs: dict[str, Path], tiny: Path, tmp_path: Path
 ) -> None:
     kind = resolve("algorithm", ONLINE_ALGORITHMS, "maddpg")
     config = override(kind.Config(), small("maddpg"))
     run = kind(make_env(TINY.spec, config.n_copies), (0,), config, tmp_path)
-    data = Dataset.open(dataset)
+    data = Dataset.open(tiny)
     run.mix_in(data, 0.25)
     run.update()
-    batch = run.collector._draw()
+    batch = run.draw()
     assert len(batch.actions[0]) == 8
     rows = data.transitions()["rewards"]
     known = [bool((rows == reward.numpy()).all(-1).any()) for reward in batch.rewards[0]]
@@ -212,14 +209,14 @@ def test_what_does_not_fit_is_refused(
 
 
 def test_another_task_and_other_seeds_are_refused(
-    runs: dict[str, Path], task: str, dataset: Path, tmp_path: Path
+    runs: dict[str, Path], task: str, tiny: Path, tmp_path: Path
 ) -> None:
     other = tmp_path / "other.yaml"
     other.write_text(TaskSpec(horizon=30).to_yaml())
     with pytest.raises(CheckpointError, match="differs from this task in: horizon"):
         start("maddpg", str(other), tmp_path / "run", runs["bc"])
     with pytest.raises(SchemaError, match="with another spec: it differs in horizon"):
-        train_online("maddpg", str(other), tmp_path / "run", data=str(dataset))
+        train_online("maddpg", str(other), tmp_path / "run", data=str(tiny))
     with pytest.raises(CheckpointError, match="has the seeds 0, 1, expected seed 2"):
         train_online(
             "maddpg", task, tmp_path / "run", seeds=(1, 2), changes=small("maddpg"),
@@ -227,11 +224,11 @@ def test_another_task_and_other_seeds_are_refused(
         )  # fmt: skip
 
 
-def test_data_need_a_replay_and_a_share(task: str, dataset: Path, tmp_path: Path) -> None:
+def test_data_need_a_replay_and_a_share(task: str, tiny: Path, tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="mappo learns from the steps of its present policies"):
-        train_online("mappo", task, tmp_path / "run", data=str(dataset))
+        train_online("mappo", task, tmp_path / "run", data=str(tiny))
     with pytest.raises(SpecError, match="the offline share is 1, expected above 0 and below 1"):
-        train_online("vdn", task, tmp_path / "run", data=str(dataset), offline_share=1.0)
+        train_online("vdn", task, tmp_path / "run", data=str(tiny), offline_share=1.0)
 
 
 def test_online_runs_are_no_offline_runs(runs: dict[str, Path], task: str, tmp_path: Path) -> None:
@@ -244,20 +241,13 @@ Offline = Callable[..., Path]
 
 
 @pytest.fixture
-def offline(dataset: Path, tmp_path: Path) -> Offline:
-    """Trains an offline run of a few updates."""
+def offline(tiny: Path, tmp_path: Path) -> Offline:
+    """Trains an offline actor-critic, or `bc`, of a few updates."""
 
     def train(algorithm: str, rewards: Mapping[str, float] | None = None, **changes: str) -> Path:
-        data, kind = Dataset.open(dataset), resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
-        small = {"n_updates": "6", "batch_size": "16"}
-        if algorithm != "bc":
-            small |= {"critic_hidden": "8", "actor_hidden": "12"}
-        train_seeds(
-            algorithm, data.with_rewards(**rewards or {}), tmp_path / algorithm, seeds=SEEDS,
-            config=override(kind.Config(), {**small, **changes}), frame=frame_of(data.spec),
-            progress=False,
-        )  # fmt: skip
-        return tmp_path / algorithm
+        sizes = {} if algorithm == "bc" else {"critic_hidden": "8", "actor_hidden": "12"}
+        data = Dataset.open(tiny).with_rewards(**rewards or {})
+        return trained(algorithm, data, tmp_path / algorithm, {**sizes, **changes})
 
     return train
 
@@ -288,7 +278,7 @@ def test_robots_have_the_values_of_the_offline_run(
     online, sentences = started(run, tmp_path / "replay")
     assert sentences == []
     online.update()
-    batch = online.collector._draw()
+    batch = online.draw()
     online, _ = started(run, tmp_path / "again")
     mine = online.learner.critics
     ours, others = mine.view(batch.states, batch.observations), batch.actions
@@ -328,14 +318,12 @@ def test_critics_of_other_kinds_begin_anew_and_it_says_why(
     online.update()
 
 
-def test_critics_of_other_rewards_begin_anew(offline: Offline, tmp_path: Path) -> None:
+def test_critics_of_other_rewards_and_of_compact_runs_begin_anew(
+    offline: Offline, tmp_path: Path
+) -> None:
     run = offline("maddpg_bc", rewards={"robot_collision": 9.0})
-    (sentence,) = started(run, tmp_path)[1]
+    (sentence,) = started(run, tmp_path / "other")[1]
     assert sentence.endswith("they value other weights of rewards than the task's.")
-
-
-def test_a_run_that_was_made_small_has_no_critics(offline: Offline, tmp_path: Path) -> None:
-    run = offline("maddpg_bc")
     compact(run)
-    _, (sentence,) = started(run, tmp_path / "replay")
+    (sentence,) = started(run, tmp_path / "compact")[1]
     assert "its checkpoint was made small" in sentence

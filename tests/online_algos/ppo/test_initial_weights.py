@@ -109,21 +109,28 @@ def test_a_shipped_tier_is_a_start() -> None:
         np.testing.assert_allclose(run.policy(index).act(step), learned.act(step), atol=0.01)
 
 
-def test_a_shipped_tier_of_fewer_policies_is_an_error() -> None:
-    with pytest.raises(BuildError, match=r"seed 4 .* coop_nav-expert ships 4"):
-        made((0, 4), replace(SMALL, start=StartConfig(policies="coop_nav-expert"))).prepare()
+@pytest.mark.parametrize(
+    ("start", "error", "message"),
+    [
+        ({"policies": "coop_nav-expert"}, BuildError, "seed 4 .* coop_nav-expert ships 4"),
+        ({"avoidance": True}, SpecError, r"nothing to clone.*start\.policies=RUN"),
+        (
+            {"teacher": "straight", "teacher_remembers": False}, SpecError,
+            "'straight' of task coop_nav cannot decide without",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_a_start_is_refused(
+    start: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        made((0, 4), replace(SMALL, start=StartConfig(**start))).prepare()
 
 
 def test_a_seed_that_the_other_run_lacks_is_an_error(tmp_path: Path) -> None:
     saved(made((0,)), (0,), tmp_path)
     with pytest.raises(BuildError, match="no policy of seed 1"):
         made((0, 1), replace(SMALL, start=StartConfig(policies=str(tmp_path)))).prepare()
-
-
-def test_a_teacher_that_needs_its_memory_is_refused() -> None:
-    start = StartConfig(teacher="straight", teacher_remembers=False)
-    with pytest.raises(SpecError, match="'straight' of task coop_nav cannot decide without"):
-        made((0,), replace(SMALL, start=start)).prepare()
 
 
 def test_a_teacher_can_do_without_its_memory() -> None:
@@ -144,12 +151,13 @@ def test_a_teacher_can_do_without_its_memory() -> None:
 def test_the_weights_are_returned_and_the_actors_left_alone(tmp_path: Path) -> None:
     saved(made((0,)), (0,), tmp_path)
     run = made((0,))
-    before = run.actors.weights
+    before = run.actors.copy()
     start = StartConfig(policies=str(tmp_path), teacher="straight", clone_rounds=1)
-    weights = initial_weights(start, run.actors, run.worlds, run.generators, run.seeds)
-    for left, own in zip(before, run.actors.weights, strict=True):
+    found = initial_weights(start, run.actors, run.worlds, run.generators, run.seeds)
+    for left, own in ((before.network.flat, run.actors.network.flat),
+                      (before.input_mean, run.actors.input_mean)):  # fmt: skip
         np.testing.assert_array_equal(left, own)
-    assert not (weights.parameters == before.parameters).all()
+    assert not (found.network.flat == before.network.flat).all()
 
 
 def test_rounds_of_cloning_are_as_many_and_as_long_as_set(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -172,6 +180,7 @@ def test_rounds_of_cloning_are_as_many_and_as_long_as_set(monkeypatch: pytest.Mo
         ({"clone_steps": 0}, "clone_steps is 0"),
         ({"clone_noise": -0.1}, "clone_noise is -0.1"),
         ({"teacher_margin": -0.1}, "teacher_margin is -0.1 m"),
+        ({"surface_margin": -0.01}, "surface_margin is -0.01 m"),
         ({"teacher_margin": 0.1}, "set without a teacher"),
     ],
 )

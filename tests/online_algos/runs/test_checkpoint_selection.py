@@ -15,7 +15,7 @@ from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.run_files import Seed, last_policy_path
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs import checkpoint_selection
-from swarmdata.online_algos.runs.checkpoint_selection import find_medium, read_curve, ship
+from swarmdata.online_algos.runs.checkpoint_selection import find_medium, ship
 from swarmdata.online_algos.runs.export_policy import export
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.registry.components import make_env
@@ -118,9 +118,3 @@ def test_an_unfinished_run_is_no_expert(tmp_path: Path) -> None:
     last_policy_path(folder, 0).unlink()
     with pytest.raises(BuildError, match="run its command again"):
         ship([], [Seed(folder, 0)], [], "coop_nav", SPEC, tmp_path / "shipped")
-
-
-def test_curves_are_read_seed_by_seed(run: Path) -> None:
-    rows = read_curve(Seed(run, 1))
-    assert {row["seed"] for row in rows} == {1.0}
-    assert [row["frames"] for row in rows] == sorted(row["frames"] for row in rows)

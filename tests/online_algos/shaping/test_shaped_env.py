@@ -1,6 +1,5 @@
 """Shaped rewards: nothing without terms, and every term in its order."""
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,7 +10,7 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError
 from swarmdata.online_algos.shaping.payload_potentials import PayloadPotential
 from swarmdata.online_algos.shaping.shaped_env import (
     ShapedEnv,
@@ -46,9 +45,15 @@ def increased(rewards: Float, before: Step, after: Step, progress: float) -> Flo
     return rewards + np.float32(1)
 
 
-def check_bare(env: ShapedEnv) -> None:
-    """Random steps, with resets of the copies that end, are those of the bare environment."""
-    generator = np.random.default_rng(0)
+@pytest.mark.parametrize("config", [None, NOTHING])
+def test_without_terms_it_is_the_bare_environment(config: ShapingConfig | None) -> None:
+    """Random steps too, with resets of the copies that end."""
+    inner, generator = make_env(SPEC, 3), np.random.default_rng(0)
+    env = ShapedEnv(inner, []) if config is None else shape_rewards(inner, config)
+    assert env.terms == ()
+    for name in ("spec", "task", "n_copies", "features", "action_size", "state_size"):
+        assert getattr(env, name) is getattr(inner, name), name
+    assert env.observation_size == inner.observation_size
     bare = make_env(SPEC, 3)
     seeds = np.arange(3, dtype=np.uint64)
     pairs = [(env.reset(seeds), bare.reset(seeds))]
@@ -61,19 +66,8 @@ def check_bare(env: ShapedEnv) -> None:
             pairs.append((env.reset(new, copies), bare.reset(new, copies)))
     for ours, theirs in pairs:
         for name in Step._fields:
-            mine, other_array = getattr(ours, name), getattr(theirs, name)
-            np.testing.assert_array_equal(mine, other_array, err_msg=name)
-
-
-@pytest.mark.parametrize("config", [None, NOTHING])
-def test_without_terms_it_is_the_bare_environment(config: ShapingConfig | None) -> None:
-    env = make_env(SPEC, 3)
-    shaped = ShapedEnv(env, []) if config is None else shape_rewards(env, config)
-    assert shaped.terms == ()
-    for name in ("spec", "task", "n_copies", "features", "action_size", "state_size"):
-        assert getattr(shaped, name) is getattr(env, name), name
-    assert shaped.observation_size == env.observation_size
-    check_bare(shaped)
+            mine, other = getattr(ours, name), getattr(theirs, name)
+            np.testing.assert_array_equal(mine, other, err_msg=name)
 
 
 def test_terms_change_rewards_in_order_and_nothing_else() -> None:
@@ -120,20 +114,12 @@ def test_a_config_decides_the_terms_and_their_order() -> None:
     assert isinstance(potential, PayloadPotential)
 
 
-def test_an_unknown_weight_is_refused() -> None:
-    with pytest.raises(SpecError, match="proximty"):
-        shape_rewards(make_env(SPEC, 1), replace(NOTHING, reward_weights=("proximty=2",)))
-
-
-@pytest.mark.parametrize("ramp", [(0.5,), (0.5, 0.5), (0.7, 0.2), (0.1, 0.2, 0.3)])
-def test_a_ramp_has_two_ends(ramp: tuple[float, ...]) -> None:
-    with pytest.raises(SchemaError, match="begin before end"):
-        replace(NOTHING, contact_ramp=ramp)
-
-
-def test_a_share_is_a_part() -> None:
+def test_a_ramp_has_two_ends_and_a_share_is_a_part() -> None:
+    for ramp in ((0.5,), (0.5, 0.5), (0.7, 0.2), (0.1, 0.2, 0.3)):
+        with pytest.raises(SchemaError, match="begin before end"):
+            ShapingConfig(contact_ramp=ramp)
     with pytest.raises(SchemaError, match="team_share is 1"):
-        replace(NOTHING, team_share=1.5)
+        ShapingConfig(team_share=1.5)
 
 
 WEIGHTS = TaskSpec().rules.rewards
