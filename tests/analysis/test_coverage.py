@@ -1,6 +1,7 @@
 """Coverage of recorded data: what is sampled, and what the figures tell apart."""
 
 from collections.abc import Callable
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -46,7 +47,8 @@ def test_random_covers_more_than_idle(stored: StoredDataset) -> None:
     assert random.actions.robot == pytest.approx(2 * np.log(2), abs=0.25)  # uniform in a square
     assert idle.actions is not None
     assert idle.actions.robot == pytest.approx(2 * np.log(ENTROPY_RESOLUTION), abs=0.25)  # at rest
-    assert random.distinct == 1.0
+    assert random.distinct == 1.0 > idle.distinct, "robots at rest repeat"
+    assert (random.bounds, idle.bounds) == (0.0, 0.0)
     assert set(random.passings) == {0}
     assert set(idle.passings) == {1}
 
@@ -94,22 +96,9 @@ def test_no_episodes_are_refused(stored: StoredDataset) -> None:
 def make_table(lengths: list[int]) -> EpisodeTable:
     sizes = np.array(lengths)
     zeros = np.zeros(len(sizes))
-    columns = dict.fromkeys(
-        (
-            "seeds",
-            "layouts",
-            "split",
-            "end_reason",
-            "policy",
-            "policy_episode",
-            "team_return",
-            "success",
-            "robot_collisions",
-            "obstacle_collisions",
-        ),
-        zeros,
-    )
-    return EpisodeTable(starts=np.cumsum(sizes) - sizes, lengths=sizes, **columns)  # type: ignore[arg-type]
+    columns = dict.fromkeys((field.name for field in fields(EpisodeTable)), zeros)
+    columns |= {"starts": np.cumsum(sizes) - sizes, "lengths": sizes}
+    return EpisodeTable(**columns)  # type: ignore[arg-type]
 
 
 @given(

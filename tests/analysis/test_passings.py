@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.analysis.passings import Passings, passings, total
-from swarmdata.errors import SchemaError
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Float
@@ -91,8 +90,3 @@ def test_all_pairs_of_a_team_count() -> None:
 
 def test_a_single_robot_passes_nobody() -> None:
     assert passings(states=meeting(0.3)[:, :N_COLUMNS], spec=TaskSpec(team=(Role(count=1),))).n == 0
-
-
-def test_distances_out_of_order_are_refused() -> None:
-    with pytest.raises(SchemaError, match="expected 0 < near < reach"):
-        passings(meeting(0.3), TWO, near=1.0, reach=0.5)

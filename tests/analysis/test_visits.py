@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.analysis.visits import occupancy
-from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import BOX
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS
@@ -89,13 +88,3 @@ def test_the_floor_of_a_warehouse_has_shelves() -> None:
     found = occupancy(step.states, step.layouts, spec)
     assert 0.5 < found.free.mean() < 0.8
     assert found.visits.sum() == spec.n_agents
-
-
-def test_nothing_to_count_is_refused() -> None:
-    states = states_at(np.zeros((1, 1, 2)))
-    with pytest.raises(SchemaError, match="0 states, 1 layouts"):
-        occupancy(states[:0], EMPTY, team(1))
-    with pytest.raises(SchemaError, match="1 states, 0 layouts"):
-        occupancy(states, EMPTY[:0], team(1))
-    with pytest.raises(SchemaError, match="cells of 0 m"):
-        occupancy(states, EMPTY, team(1), 0.0)
