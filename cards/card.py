@@ -96,7 +96,8 @@ def render(data: CardData, picture: str | None = None) -> str:
     """
     spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
-    violated = (f"This claim does not hold: {claim}" for claim in checked(data)[1])
+    holds, broken = check(data)
+    violated = (f"This claim does not hold: {claim}" for claim in broken)
     sections = (
         identity_section(data.manifest, data.origin),
         tier_section(data.origin),
@@ -119,26 +120,18 @@ def render(data: CardData, picture: str | None = None) -> str:
         senses_section(spec),
         arrays_section(task, data.manifest),
         definitions_section(task),
-        bullets("Checks passed", check(data)),
+        bullets("Checks passed", holds),
         origin_section(data.origin, data.manifest),
     )
     return "".join([front_matter(data.manifest, data.origin), *sections])
 
 
-def check(data: CardData) -> tuple[str, ...]:
-    """Returns the claims that hold for this dataset.
+def check(data: CardData) -> tuple[list[str], list[str]]:
+    """Returns the claims about a dataset that hold, and those that do not.
 
     Raises:
         SchemaError: names the claims that fail for a dataset that a recipe generated.
     """
-    holds, broken = checked(data)
-    if broken and data.origin.recipe is not None:
-        raise SchemaError(f"{data.origin.id} fails its checks: {' '.join(broken)}")
-    return holds
-
-
-def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Claims about this dataset: those that hold, and those that do not."""
     table, spec = data.table, task_of(data.origin, "checking")
     claims = {
         "No episode has a reserved evaluation seed.": (table.seeds < EVALUATION_BASE).all(),
@@ -152,7 +145,7 @@ def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if data.origin.recipe is not None:
         is_whole = data.manifest.n_steps >= data.origin.recipe.n_steps
         claims["The dataset has at least the joint steps of its recipe."] = is_whole
-    return (
-        tuple(claim for claim, holds in claims.items() if holds),
-        tuple(claim for claim, holds in claims.items() if not holds),
-    )
+    broken = [claim for claim, holds in claims.items() if not holds]
+    if broken and data.origin.recipe is not None:
+        raise SchemaError(f"{data.origin.id} fails its checks: {' '.join(broken)}")
+    return [claim for claim, holds in claims.items() if holds], broken

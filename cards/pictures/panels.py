@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.analysis.visits import Occupancy
-from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, thousands
+from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, draw_grid, thousands
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
@@ -99,13 +99,8 @@ def draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges:
     axes.set_yticks(shown + 0.5, [labels[k] for k in shown.tolist()], fontsize=SMALL_FONT_SIZE - 2)
 
 
-def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
+def draw_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> None:
     """How long episodes were, stacked by the reason of their end."""
-    stack_lengths(axes, table, spec.horizon, f"joint steps of {spec.control_dt:g} s")
-
-
-def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> None:
-    """The same of any episodes."""
     edges = np.linspace(0.0, horizon, 33)
     bottom = np.zeros(32)
     for code, reason in enumerate(END_REASONS):
@@ -127,8 +122,7 @@ def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> 
     axes.set_xlim(0.0, horizon)
     axes.set_ylim(0.0, 1.32 * bottom.max())
     axes.yaxis.set_major_formatter(thousands)
-    axes.grid(axis="y", color=FAINT, lw=0.8)
-    axes.set_axisbelow(True)
+    draw_grid(axes, "y")
     axes.legend(
         fontsize=SMALL_FONT_SIZE, loc="upper left", handlelength=0.9, borderpad=0, labelspacing=0.25
     )

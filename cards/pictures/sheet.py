@@ -14,7 +14,6 @@ from swarmdata.cards.pictures.panels import (
     draw_returns,
     draw_rows,
     finish,
-    stack_lengths,
 )
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
@@ -94,7 +93,7 @@ def _draw_episodes(sheet: Any, dataset: Dataset, spec: TaskSpec) -> None:
     head.text(0.988, 0.12, PATH_KEY, fontsize=8, color=GRAY, ha="right", va="center")
     axes = above.subplots(1, 4, width_ratios=(1.15, 0.95, 1.15, 1.0))
     draw_returns(axes[0], table, recipe)
-    draw_lengths(axes[1], table, spec)
+    draw_lengths(axes[1], table, spec.horizon, f"joint steps of {spec.control_dt:g} s")
     draw_places(axes[2], places, spec)
     draw_actions(axes[3], dataset.stored.arrays["actions"][steps][..., :2], spec)
     panels = below.subplots(1, 4)
@@ -113,7 +112,7 @@ def _draw_recorded(sheet: Any, dataset: Dataset, spec: Spec) -> None:
     _write_head(head, dataset, "agents", *(f"{name}: {value}" for name, value in spec.facts[:1]))
     axes = panels.subplots(1, 3, width_ratios=(1.1, 0.9, 1.3))
     draw_returns(axes[0], table, dataset.recipe)
-    stack_lengths(axes[1], table, spec.horizon or int(table.lengths.max()), "joint steps")
+    draw_lengths(axes[1], table, spec.horizon or int(table.lengths.max()), "joint steps")
     draw_choices(axes[2], stored.arrays["actions"][steps], acting, spec)
 
 

@@ -88,12 +88,7 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
 
 
 def statistics_section(data: CardData, picture: str | None) -> str:
-    """All episodes together, with a picture or else a histogram in text.
-
-    Args:
-        data: of the card.
-        picture: file name of the picture that the card shows, if any.
-    """
+    """All episodes together, with a picture, named by its file, or else a histogram in text."""
     table = data.table
     rows = [
         ("success", percent(table.success)),
@@ -132,9 +127,9 @@ def statistics_text(
     return "\n## Statistics\n\n" + markdown.table(PROPERTIES, [*returned, *rows]) + f"\n{text}\n"
 
 
-def histogram(values: Double, bins: int = HISTOGRAM_BINS) -> str:
+def histogram(values: Double) -> str:
     """Returns a histogram as text, one line per bin."""
-    counts, edges = np.histogram(values, bins=bins)
+    counts, edges = np.histogram(values, bins=HISTOGRAM_BINS)
     scale = HISTOGRAM_WIDTH / counts.max()
     lines = [
         f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{HISTOGRAM_WIDTH}} {n}"
@@ -145,7 +140,7 @@ def histogram(values: Double, bins: int = HISTOGRAM_BINS) -> str:
 
 def coverage_section(data: CardData) -> str:
     """How much of the state and action space the data cover."""
-    found = data.measured.coverage
+    found = data.coverage
     return (
         "\n## Coverage\n\n"
         + markdown.table(("quantity", "measured", "reading"), _coverage_rows(found))
@@ -212,17 +207,12 @@ def _entropy_rows(
 
 def _passings_table(data: CardData) -> str:
     rows = []
-    for index, counts in data.measured.coverage.passings.items():
+    for index, counts in data.coverage.passings.items():
         if counts.n:
             share = wilson_interval(counts.n_right, counts.n)
-            cells = (f"{100 * value:.0f}" for value in share)
-            rows.append(
-                (
-                    data.origin.policies[index].label,
-                    str(counts.n),
-                    "{} % [{}, {}]".format(*cells),
-                )
-            )
+            value, low, high = (f"{100 * each:.0f}" for each in share)
+            label = data.origin.policies[index].label
+            rows.append((label, str(counts.n), f"{value} % [{low}, {high}]"))
     sampled = f"in the sampled episodes, at most {N_ENCOUNTERS} of each policy"
     if not rows:
         return f"\nNo two robots passed each other head-on {sampled}.\n"
@@ -237,8 +227,7 @@ def _passings_table(data: CardData) -> str:
 
 def log_probs_section(data: CardData) -> str:
     """Log-probabilities of the actions under their policies; empty where they were not recorded."""
-    found = data.measured.log_probs
-    if found is None:
+    if data.log_probs is None:
         return ""
     rows = [
         (
@@ -249,7 +238,7 @@ def log_probs_section(data: CardData) -> str:
             ),
             f"{100 * each.undefined:.1f} %",
         )
-        for index, each in found.items()
+        for index, each in data.log_probs.items()
     ]
     return (
         "\n## Log-probabilities of the actions\n\n"

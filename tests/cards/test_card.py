@@ -12,7 +12,7 @@ from swarmdata.analysis.coverage import Coverage, Dependence, Entropies
 from swarmdata.analysis.passings import Passings
 from swarmdata.analysis.visits import Occupancy
 from swarmdata.cards.card import check, render
-from swarmdata.cards.sections.measured_content import CardData, LogProbabilities, MeasuredContent
+from swarmdata.cards.sections.measured_content import CardData, LogProbabilities
 from swarmdata.cards.sections.problem import observation_rows
 from swarmdata.cards.sections.statistics import histogram
 from swarmdata.errors import SchemaError, SpecError
@@ -101,15 +101,17 @@ def make_card_data(
         ),
         provenance={"numpy": "2.4.6", "platform": "Linux"},
     )
-    return CardData(manifest, recipe, table, make_measured(), make_references(), True)
+    return CardData(
+        manifest, recipe, table, make_coverage(), make_log_probs(), make_references(), True
+    )
 
 
-def make_measured() -> MeasuredContent:
+def make_coverage() -> Coverage:
     visits = np.zeros((4, 4), np.int64)
     visits[1:3, 1] = (6, 2)
     free = np.zeros((4, 4), np.bool_)
     free[1:3, 1:3] = True
-    covered = Coverage(
+    return Coverage(
         n_steps=3700,
         places=Occupancy(visits, free, cell=1.0),
         n_states=3740,
@@ -120,9 +122,12 @@ def make_measured() -> MeasuredContent:
         dependence=Dependence(n_pairs=6, information=0.0625, correlation=0.03125),
         passings={0: Passings(0, 0), 1: Passings(9, 1)},
     )
-    likely = LogProbabilities(n=5600, undefined=0.0, mean=1.75, quantiles=(-3.5, 2.25, 2.75))
-    unknown = LogProbabilities(n=9200, undefined=1.0, mean=np.nan, quantiles=(np.nan,) * 3)
-    return MeasuredContent(covered, log_probs={0: unknown, 1: likely})
+
+
+def make_log_probs() -> dict[int, LogProbabilities]:
+    likely = LogProbabilities(undefined=0.0, mean=1.75, quantiles=(-3.5, 2.25, 2.75))
+    unknown = LogProbabilities(undefined=1.0, mean=np.nan, quantiles=(np.nan,) * 3)
+    return {0: unknown, 1: likely}
 
 
 def make_references() -> TaskReferences:
@@ -187,7 +192,7 @@ def test_dataset_that_fails_a_check_gets_no_card(
 ) -> None:
     table = make_table(**{column: spoil(getattr(make_table(), column))})
 
-    assert len(check(make_card_data())) == 6
+    assert len(check(make_card_data())[0]) == 6
     with pytest.raises(SchemaError, match=claim):
         check(make_card_data(table))
 
@@ -208,7 +213,7 @@ def test_every_feature_of_every_model_is_described(observation: str, channel: st
     )
     task = make_task(spec)
     rows = observation_rows(task)
-    assert all(row.meaning for row in rows)
+    assert all(meaning for *_, meaning in rows)
     assert len(rows) < 40, "slots share their rows"
 
 
@@ -230,8 +235,8 @@ def test_coverage_and_sides_are_read_from_the_findings() -> None:
     assert "| expert-0 | 10 | 90 % [60, 98] |" in text
     assert "| random | 0 |" not in text, "a policy without passings has no side"
     data = make_card_data()
-    covered = replace(data.measured.coverage, passings={0: Passings(0, 0)}, dependence=None)
-    text = render(replace(data, measured=MeasuredContent(covered, None)))
+    covered = replace(data.coverage, passings={0: Passings(0, 0)}, dependence=None)
+    text = render(replace(data, coverage=covered, log_probs=None))
     assert "No two robots passed each other head-on" in text
     assert "mutual information" not in text
     assert "Log-probabilities" not in text
@@ -239,8 +244,7 @@ def test_coverage_and_sides_are_read_from_the_findings() -> None:
 
 def test_too_short_for_entropies() -> None:
     data = make_card_data()
-    covered = replace(data.measured.coverage, states=None, actions=None)
-    text = render(replace(data, measured=MeasuredContent(covered, None)))
+    text = render(replace(data, coverage=replace(data.coverage, states=None, actions=None)))
     assert text.count("| unknown | needs 6 joint steps |") == 2
 
 

@@ -122,7 +122,7 @@ def test_lengths_are_counted_by_reason() -> None:
         end_reason=np.array([0, 1, 2, 2], np.uint8),
     )
     axes = panel()
-    draw_lengths(axes, table, TaskSpec())
+    draw_lengths(axes, table, 160, "joint steps")
     shown = [text.get_text() for text in axes.get_legend().get_texts()]
     assert shown == ["success 25 %", "failure 25 %", "horizon 50 %"]
     assert sum(bar.get_height() for bar in axes.patches) == 4
