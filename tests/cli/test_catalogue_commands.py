@@ -40,7 +40,7 @@ def test_build_and_open(tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_without_a_browser_the_address_is_printed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    (tmp_path / "catalogue.json").write_text('{"format": "swarmdata-catalogue"}')
+    (tmp_path / "catalogue.json").write_text('{"format": "swarmdata-catalogue", "files": ["a"]}')
     monkeypatch.setattr(webbrowser, "open", lambda address: False)
 
     result = RUNNER.invoke(app, ["catalogue", "open", "--out", str(tmp_path)])
@@ -49,7 +49,10 @@ def test_without_a_browser_the_address_is_printed(
     assert "open this address" in result.stderr
 
 
-def test_open_says_how_to_build(tmp_path: Path) -> None:
+@pytest.mark.parametrize("marker", ["{", "[]", '{"format": "other", "files": []}'])
+def test_open_says_how_to_build(tmp_path: Path, marker: str) -> None:
+    (tmp_path / "catalogue.json").write_text(marker)
+
     result = RUNNER.invoke(app, ["catalogue", "open", "--out", str(tmp_path)])
 
     assert result.exit_code == 1

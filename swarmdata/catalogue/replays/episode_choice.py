@@ -7,22 +7,19 @@ from swarmdata.types import Int
 
 
 def choose_episodes(table: EpisodeTable, most: int | None) -> Int:
-    """Returns the episodes to show, in stored order.
+    """Returns the episodes to show, at most `most` unless it is None, in stored order.
 
     Each policy and end reason has its share of the sample, by largest remainders, and at least one
     episode while there is room. Within them, episodes are evenly spaced in stored order.
-
-    Args:
-        table: of the dataset.
-        most: episodes to show; None: all.
     """
     if most is None or len(table) <= most:
         return np.arange(len(table))
     kinds = table.policy.astype(np.int64) * 256 + table.end_reason
     _, kind, counts = np.unique(kinds, return_inverse=True, return_counts=True)
-    chosen = [
-        _evenly(np.flatnonzero(kind == k), n) for k, n in enumerate(_shares(counts, most).tolist())
-    ]
+    chosen = []
+    for k, n in enumerate(_shares(counts, most).tolist()):
+        rows = np.flatnonzero(kind == k)
+        chosen.append(rows[np.arange(n) * len(rows) // max(n, 1)])
     return np.sort(np.concatenate(chosen))
 
 
@@ -35,8 +32,3 @@ def _shares(counts: Int, most: int) -> Int:
     while shares.sum() > most:  # of many small groups: the most over-represented first
         shares[np.argmax(np.where(shares > 0, shares - exact, -np.inf))] -= 1
     return shares
-
-
-def _evenly(indices: Int, n: int) -> Int:
-    """Returns `n` of the indices, evenly spaced."""
-    return indices[np.arange(n) * len(indices) // n] if n else indices[:0]
