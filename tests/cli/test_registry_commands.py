@@ -1,17 +1,17 @@
 """`swarmdata registry`: what it prints, what it writes, and its exit codes."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
 from swarmdata.hub.publishing import regenerate
 from swarmdata.registry import published, recipes
 from swarmdata.registry.published import Published
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support import command_line
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -25,10 +25,7 @@ TINY = Recipe(
 )
 
 
-def run(*arguments: str | Path, code: int = 0) -> str:
-    result = CliRunner().invoke(app, ["registry", *map(str, arguments)])
-    assert result.exit_code == code, result.output
-    return result.output
+run = partial(command_line.run, "registry")
 
 
 @pytest.fixture
