@@ -66,11 +66,7 @@ def side_files(folder: Path) -> dict[str, bytes]:
 
 
 def card_of(folder: Path, picture: str | None = None) -> str:
-    """Renders the card of a finished dataset.
-
-    Args:
-        folder: the dataset's.
-        picture: file name of its picture, if the card shows one.
+    """Renders the card of a finished dataset; `picture` is the file name of one that it shows.
 
     Raises:
         DatasetError: the dataset cannot be used.
@@ -87,13 +83,7 @@ def card_of(folder: Path, picture: str | None = None) -> str:
 
 
 def render(data: CardData, picture: str | None = None) -> str:
-    """Returns the card's text; a picture replaces the histogram in text.
-
-    Raises:
-        SchemaError: a check that the card reports did not pass.
-        SpecError: something stored has no description.
-        StudyError: a study of this installation cannot be read.
-    """
+    """Returns the card's text, as `card_of` does; a picture replaces the histogram in text."""
     spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
     holds, broken = check(data)

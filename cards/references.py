@@ -110,9 +110,7 @@ def interval(values: Double) -> Interval | None:
 def gap_section(known: TaskReferences, naive_teams: Collection[str]) -> str:
     """The coordination gaps of a task as Markdown; empty where they were not measured.
 
-    Args:
-        known: measured references of the task.
-        naive_teams: of its rules, `TaskRules.naive_teams`.
+    `naive_teams` are those of its rules, `TaskRules.naive_teams`.
     """
     if not known.gaps:
         return ""

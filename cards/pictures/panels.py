@@ -164,13 +164,7 @@ def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
 
 
 def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
-    """Two-dimensional histogram of the driving commands with its marginals.
-
-    Args:
-        axes: the panel.
-        actions: commands in [-1, 1], [n, N, 2].
-        spec: the task.
-    """
+    """Two-dimensional histogram of driving commands in [-1, 1], [n, N, 2], with its marginals."""
     from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
 
     kinds = {robot.dynamics for robot in spec.robots}

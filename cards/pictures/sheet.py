@@ -51,15 +51,11 @@ PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leav
 
 
 def draw_card(dataset: Dataset, path: Path) -> None:
-    """Draws a dataset on one sheet.
+    """Draws a dataset on one sheet, a `.png` file, whose folder is made if absent.
 
     Above: returns and lengths of episodes, places and commands of robots; below: four episodes.
     Of a recording of another environment: returns, lengths and actions.
     A gigabyte takes as long as a mini: everything over time comes from samples.
-
-    Args:
-        dataset: what to show.
-        path: the `.png` file; its folder is made if absent.
 
     Raises:
         SchemaError: another kind of file, or a dataset without episodes.
@@ -127,13 +123,9 @@ def _write_head(head: Any, dataset: Dataset, who: str, *more: str) -> None:
 
 
 def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
-    """How often each value of each column of an action was taken, a row for each.
+    """How often each value of each column of the actions [n, N, A] was taken, a row for each.
 
-    Args:
-        axes: the panel.
-        actions: as recorded, [n, N, A].
-        acting: who took one, [n, N].
-        spec: of the recording.
+    `acting` marks who took one, [n, N].
     """
     labels, shares = [], []
     for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):

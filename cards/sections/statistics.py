@@ -108,14 +108,7 @@ def statistics_section(data: CardData, picture: str | None) -> str:
 def statistics_text(
     returns: Double, rows: Sequence[tuple[str, str]], shown: str, picture: str | None
 ) -> str:
-    """The section: returns and other rows, with a picture or else a histogram in text.
-
-    Args:
-        returns: of the episodes.
-        rows: names and values of other quantities.
-        shown: what the picture shows.
-        picture: its file name, if there is one.
-    """
+    """The section: returns and other rows, and a picture of what is `shown` or a histogram."""
     quantiles = np.quantile(returns, [0.0, 0.25, 0.5, 0.75, 1.0])
     returned = [
         ("return, mean", f"{returns.mean():.3f}"),

@@ -90,11 +90,7 @@ class Coverage:
 
 
 def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
-    """Measures how much a dataset covers.
-
-    Args:
-        stored: the open dataset.
-        selection: stored episodes to use, all by default, [n].
+    """Measures how much a dataset covers, or a selection of its stored episodes, [n].
 
     Raises:
         SchemaError: no episode is selected.

@@ -1,7 +1,6 @@
 """Coverage of recorded data: what is sampled, and what the figures tell apart."""
 
 from collections.abc import Callable
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,8 @@ from swarmdata.analysis.coverage import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.specs.task_spec import Role, TaskSpec
-from swarmdata.store import EpisodeTable, StoredDataset, open_store
+from swarmdata.store import StoredDataset, open_store
+from tests.support.episode_table import episode_table
 
 Record = Callable[..., Path]
 
@@ -93,14 +93,6 @@ def test_no_episodes_are_refused(stored: StoredDataset) -> None:
         coverage(stored, np.array([], np.int64))
 
 
-def make_table(lengths: list[int]) -> EpisodeTable:
-    sizes = np.array(lengths)
-    zeros = np.zeros(len(sizes))
-    columns = dict.fromkeys((field.name for field in fields(EpisodeTable)), zeros)
-    columns |= {"starts": np.cumsum(sizes) - sizes, "lengths": sizes}
-    return EpisodeTable(**columns)  # type: ignore[arg-type]
-
-
 @given(
     st.lists(st.integers(1, 30), min_size=1, max_size=12),
     st.integers(1, 80),
@@ -109,7 +101,8 @@ def make_table(lengths: list[int]) -> EpisodeTable:
 def test_sampled_steps_are_distinct_and_of_the_selection(
     lengths: list[int], n_rows: int, seed: int
 ) -> None:
-    table = make_table(lengths)
+    starts = np.cumsum(lengths) - lengths
+    table = episode_table(len(lengths), starts=starts, lengths=lengths)
     kept = np.random.default_rng(seed).random(len(lengths)) < 0.6
     kept[seed % len(lengths)] = True
     selection = np.flatnonzero(kept)
