@@ -86,6 +86,7 @@ def render(data: CardData, picture: str | None = None) -> str:
     """Returns the card's text, as `card_of` does; a picture replaces the histogram in text."""
     spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
+    mean = float(data.table.team_return.mean())
     holds, broken = check(data)
     violated = (f"This claim does not hold: {claim}" for claim in broken)
     sections = (
@@ -94,12 +95,7 @@ def render(data: CardData, picture: str | None = None) -> str:
         about_section(data.origin),
         statistics_section(data, picture),
         policies_section(data),
-        references_section(
-            data.references,
-            spec,
-            float(data.table.team_return.mean()),
-            has_task_rewards=data.has_task_rewards,
-        ),
+        references_section(data.references, spec, mean, has_task_rewards=data.has_task_rewards),
         baselines_section(data.origin.id, data.manifest.digest, committed_studies()),
         coverage_section(data),
         log_probs_section(data),

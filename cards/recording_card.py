@@ -130,17 +130,10 @@ def _policies(table: EpisodeTable, origin: Origin) -> str:
         own = table.take(np.flatnonzero(table.policy == index))
         if not len(own):
             continue
-        rows.append(
-            (
-                source.label,
-                source.title,
-                f"{len(own):,}",
-                f"{own.lengths.sum():,}",
-                f"{own.team_return.mean():.3f} ± {own.team_return.std():.3f}",
-                _success(own),
-                f"{own.lengths.mean():.1f}",
-            )
-        )
+        counts = f"{len(own):,}", f"{own.lengths.sum():,}"
+        returns = f"{own.team_return.mean():.3f} ± {own.team_return.std():.3f}"
+        length = f"{own.lengths.mean():.1f}"
+        rows.append((source.label, source.title, *counts, returns, _success(own), length))
     head = ("id", "policy", "episodes", "steps", "return", "success", "length")
     return (
         "\n## Behavior policies\n\n"
@@ -173,13 +166,10 @@ def _statistics(table: EpisodeTable, origin: Origin, picture: str | None) -> str
 
 def _checked(table: EpisodeTable, spec: Spec) -> tuple[Sequence[str], Sequence[str]]:
     """Claims that hold, and claims that do not, in words."""
+    is_unique = len(np.unique(table.seeds)) == len(table)
     claims = [
         (True, "Every return is finite.", ""),
-        (
-            len(np.unique(table.seeds)) == len(table),
-            "No reset seed occurs twice.",
-            "Some reset seeds occur twice.",
-        ),
+        (is_unique, "No reset seed occurs twice.", "Some reset seeds occur twice."),
     ]
     if spec.horizon is not None:
         within = bool((table.lengths <= spec.horizon).all())

@@ -10,7 +10,7 @@ from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, draw_grid, thousan
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
-from swarmdata.types import END_REASONS, Double, Float
+from swarmdata.types import END_REASONS, Double, Float, Int
 
 SMALL_FONT_SIZE = 8
 """Points of ticks and notes."""
@@ -109,15 +109,8 @@ def draw_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> N
             continue
         counts = np.histogram(lengths, edges)[0].astype(np.float64)
         label = f"{reason} {100 * len(lengths) / len(table):.0f} %"
-        axes.bar(
-            edges[:-1],
-            counts,
-            np.diff(edges),
-            bottom,
-            align="edge",
-            color=END_COLORS[reason],
-            label=label,
-        )
+        look = {"align": "edge", "color": END_COLORS[reason], "label": label}
+        axes.bar(edges[:-1], counts, np.diff(edges), bottom, **look)
         bottom += counts
     axes.set_xlim(0.0, horizon)
     axes.set_ylim(0.0, 1.32 * bottom.max())
@@ -131,7 +124,7 @@ def draw_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> N
 
 def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
     """Visits of each cell, logarithmic; what no robot's centre can reach is solid."""
-    from matplotlib.colors import ListedColormap, LogNorm  # noqa: PLC0415  (matplotlib is an extra)
+    from matplotlib.colors import ListedColormap  # noqa: PLC0415  (matplotlib is an extra)
 
     x, y = spec.arena.width / 2, spec.arena.height / 2
     rows, columns = places.visits.shape
@@ -139,15 +132,7 @@ def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
     axes.set_facecolor(_SOLID)
     floor = np.where(places.free, 1.0, np.nan)
     axes.imshow(floor, origin="lower", extent=extent, cmap=ListedColormap([_FLOOR]))
-    visits = np.where(places.visits > 0, places.visits, np.nan)
-    shown = axes.imshow(
-        visits,
-        origin="lower",
-        extent=extent,
-        cmap=_shades(),
-        norm=LogNorm(1.0, max(10.0, float(places.visits.max()))),
-        interpolation="nearest",
-    )
+    shown = _draw_counts(axes, places.visits, extent)
     axes.set(xlim=(-x, x), ylim=(-y, y))
     axes.set_anchor("N")
     for spine in axes.spines.values():
@@ -165,22 +150,13 @@ def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
 
 def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
     """Two-dimensional histogram of driving commands in [-1, 1], [n, N, 2], with its marginals."""
-    from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
-
     kinds = {robot.dynamics for robot in spec.robots}
     names = {"holonomic": ("along x", "along y"), "unicycle": ("forward", "turn")}
     first, second = names[kinds.pop()] if len(kinds) == 1 else ("1st", "2nd")
     edges = np.linspace(-1.0, 1.0, 42)
     flat = actions.reshape(-1, 2)
     counts = np.histogram2d(flat[:, 0], flat[:, 1], bins=(edges, edges))[0].T
-    axes.imshow(
-        np.where(counts > 0, counts, np.nan),
-        origin="lower",
-        extent=(-1, 1, -1, 1),
-        cmap=_shades(),
-        norm=LogNorm(1.0, max(10.0, float(counts.max()))),
-        interpolation="nearest",
-    )
+    _draw_counts(axes, counts, (-1, 1, -1, 1))
     middles = (edges[:-1] + edges[1:]) / 2
     look = {"color": COLORS[0], "alpha": 0.8, "lw": 0, "step": "mid"}
     for fill, sums in (
@@ -194,6 +170,15 @@ def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     finish(axes, "Commands", f"command {first}", f"command {second}")
+
+
+def _draw_counts(axes: Any, counts: Int | Double, extent: tuple[float, ...]) -> Any:
+    """Cells of a grid, the darker, the more is counted, logarithmic; empty ones are left out."""
+    from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
+
+    look = {"cmap": _shades(), "norm": LogNorm(1.0, max(10.0, float(counts.max())))}
+    shown = np.where(counts > 0, counts, np.nan)
+    return axes.imshow(shown, origin="lower", extent=extent, interpolation="nearest", **look)
 
 
 def _shades(*, from_floor: bool = False) -> Any:

@@ -31,25 +31,21 @@ SETTINGS = ("setting", "value")
 def task_section(task: Task) -> str:
     """The problem: robots, arena, rules."""
     spec = task.spec
+    goes_on = spec.on_collision == "continue"
     rows = [
         ("robots", ", ".join(f"{role.count} x {role.name}" for role in spec.team)),
         ("arena", f"{spec.arena.width:g} m x {spec.arena.height:g} m"),
         ("horizon", f"{spec.horizon} steps = {spec.horizon * spec.control_dt:g} s"),
         ("control step", f"{spec.control_dt:g} s, simulated in {spec.n_substeps} physics steps"),
-        (
-            "after a collision",
-            "the episode continues" if spec.on_collision == "continue" else "the episode fails",
-        ),
+        ("after a collision", f"the episode {'continues' if goes_on else 'fails'}"),
     ]
     for role in spec.team:
         robot = role.robot
-        rows.append(
-            (
-                f"{role.name}",
-                f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
-                f"{robot.max_speed:g} m/s and {robot.acceleration:g} m/s²",
-            )
+        text = (
+            f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
+            f"{robot.max_speed:g} m/s and {robot.acceleration:g} m/s²"
         )
+        rows.append((role.name, text))
     rows += [row for row in _settings("", spec.rules) if row[0] != "task"]
     rows += _settings("obstacles: ", spec.obstacles)
     return "\n## Task\n\n" + table(SETTINGS, rows) + _task_notes(task)
@@ -170,11 +166,8 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
     spec, rows = task.spec, observation_rows(task)
     shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
     _expect("observation features", shapes["observations"][2], len(Observer(task, 1).features))
-    _expect(
-        "state features",
-        shapes["states"][1],
-        state_size(spec.n_agents, len(task.movables), len(task.extras)),
-    )
+    size = state_size(spec.n_agents, len(task.movables), len(task.extras))
+    _expect("state features", shapes["states"][1], size)
     head = ("column", "name", "unit", "meaning")
     return (
         arrays_table(manifest) + "Actions are commands in [-1, 1], in units of the robot's limit. "

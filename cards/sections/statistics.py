@@ -99,10 +99,8 @@ def statistics_section(data: CardData, picture: str | None) -> str:
     ]
     for code, reason in enumerate(TASK_END_REASONS):
         rows.append((f"ended by {reason}", percent(table.end_reason == code)))
-    shown = (
-        f"Returns, episode lengths, visited places, commands and four episodes of {data.origin.id}"
-    )
-    return statistics_text(table.team_return, rows, shown, picture)
+    shown = "Returns, episode lengths, visited places, commands and four episodes"
+    return statistics_text(table.team_return, rows, f"{shown} of {data.origin.id}", picture)
 
 
 def statistics_text(
@@ -157,44 +155,29 @@ def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
             f"of the {places.n_free:,} free cells of {places.cell:g} m",
         ),
         ("evenness of the visits", f"{places.entropy:.3f}", "1: all free cells equally often"),
-        *_entropy_rows(
-            "state", found.states, ("position and velocity", "overestimated, see below")
-        ),
-        *_entropy_rows("command", found.actions, ("uniform: 1.39", "uniform: 1.39")),
+        *_entropy_rows("state", found.states, "position and velocity", "overestimated, see below"),
+        *_entropy_rows("command", found.actions, "uniform: 1.39", "uniform: 1.39"),
         ("commands at a bound", f"{100 * found.bounds:.1f} %", "share of all components"),
     ]
     if found.dependence is not None:
-        pairs = f"mean over {found.dependence.n_pairs} pairs"
+        pairs, both = f"mean over {found.dependence.n_pairs} pairs", "of two robots' commands"
+        information, correlation = found.dependence.information, found.dependence.correlation
         rows += [
-            (
-                "mutual information of two robots' commands",
-                f"{found.dependence.information:.3f} nats",
-                f"{pairs}; 0: independent",
-            ),
-            (
-                "correlation of two robots' commands",
-                f"{found.dependence.correlation:.3f}",
-                f"{pairs}, absolute value",
-            ),
+            (f"mutual information {both}", f"{information:.3f} nats", f"{pairs}; 0: independent"),
+            (f"correlation {both}", f"{correlation:.3f}", f"{pairs}, absolute value"),
         ]
-    return [
-        *rows,
-        (
-            "distinct joint states and actions",
-            f"{100 * found.distinct:.1f} %",
-            "for comparison with other papers; saturates on continuous data",
-        ),
-    ]
+    reading = "for comparison with other papers; saturates on continuous data"
+    return [*rows, ("distinct joint states and actions", f"{100 * found.distinct:.1f} %", reading)]
 
 
 def _entropy_rows(
-    what: str, found: Entropies | None, reading: tuple[str, str]
+    what: str, found: Entropies | None, one: str, team: str
 ) -> list[tuple[str, str, str]]:
     if found is None:
         return [(f"entropy of a robot's {what}", "unknown", f"needs {MIN_STEPS} joint steps")]
     return [
-        (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", reading[0]),
-        (f"entropy of the team's {what}s", f"{found.team:.2f} nats per robot", reading[1]),
+        (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", one),
+        (f"entropy of the team's {what}s", f"{found.team:.2f} nats per robot", team),
     ]
 
 
@@ -222,17 +205,12 @@ def log_probs_section(data: CardData) -> str:
     """Log-probabilities of the actions under their policies; empty where they were not recorded."""
     if data.log_probs is None:
         return ""
-    rows = [
-        (
-            data.origin.policies[index].label,
-            *(
-                f"{value:.2f}" if np.isfinite(value) else "none"
-                for value in (each.mean, *each.quantiles)
-            ),
-            f"{100 * each.undefined:.1f} %",
-        )
-        for index, each in data.log_probs.items()
-    ]
+    rows = []
+    for index, each in data.log_probs.items():
+        values = (each.mean, *each.quantiles)
+        shown = (f"{value:.2f}" if np.isfinite(value) else "none" for value in values)
+        label = data.origin.policies[index].label
+        rows.append((label, *shown, f"{100 * each.undefined:.1f} %"))
     return (
         "\n## Log-probabilities of the actions\n\n"
         + markdown.table(("id", "mean", "1 %", "median", "99 %", "undefined"), rows)
