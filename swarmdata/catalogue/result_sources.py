@@ -6,6 +6,7 @@ seeds chose settings, so their scores are no results and are left out.
 """
 
 import csv
+import io
 import math
 import re
 import tempfile
@@ -271,7 +272,7 @@ def _of_study(
     )
     data = {
         row["dataset"]: _number(row["score"], folder / "data.csv")
-        for row in _read_if_there(folder / "data.csv", ("dataset", "score"))
+        for row in _read(folder / "data.csv", ("dataset", "score"))
         if row["score"]
     }
     title = str(study.plan.get("title") or Path(place).name)
@@ -333,7 +334,7 @@ def _curves(folder: Path) -> list[LineSet]:
     """A chart of success for each dataset of a study that measured learning curves."""
     file = folder / "curves.csv"
     lines: dict[str, dict[str, dict[float, Estimate]]] = {}
-    for row in _read_if_there(file, ("cell", "metric", "update", "mean", "low", "high")):
+    for row in _read(file, ("cell", "metric", "update", "mean", "low", "high")):
         if row["metric"] == "success":
             label, _, dataset = row["cell"].partition("/")
             update, *found = (_number(row[key], file) for key in ("update", "mean", "low", "high"))
@@ -365,25 +366,21 @@ def _sweeps(folder: Path) -> list[LineSet]:
     return charts
 
 
-def _read_if_there(file: Path, names: Sequence[str]) -> Rows:
-    return _read(file, names) if file.is_file() and file.read_text("utf-8").strip() else ()
-
-
 def _read(file: Path, names: Sequence[str]) -> Rows:
-    """Rows of a CSV file.
+    """Rows of a CSV file; none where it is absent or empty.
 
     Raises:
         SchemaError: it lacks one of the columns `names`.
     """
-    with file.open(encoding="utf-8", newline="") as stream:
-        reader = csv.DictReader(stream)
-        missing = [name for name in names if name not in (reader.fieldnames or ())]
-        if missing:
-            raise SchemaError(
-                f"{file} has no column {', '.join(missing)}, got {reader.fieldnames}. Expected a "
-                "file that `swarmdata study` or `swarmdata sweep` wrote."
-            )
-        return list(reader)
+    text = file.read_text(encoding="utf-8") if file.is_file() else ""
+    reader = csv.DictReader(io.StringIO(text))
+    missing = [name for name in names if name not in (reader.fieldnames or ())]
+    if missing and text.strip():
+        raise SchemaError(
+            f"{file} has no column {', '.join(missing)}, got {reader.fieldnames}. Expected a "
+            "file that `swarmdata study` or `swarmdata sweep` wrote."
+        )
+    return list(reader)
 
 
 def _number(text: str, file: Path) -> float:

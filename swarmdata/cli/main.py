@@ -170,13 +170,7 @@ def main() -> None:
         raise SystemExit(1) from None
 
 
-def _format_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    line: str | None = None,
-) -> str:
+def _format_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> str:
     """A warning without the line of code that raised it, which says nothing to users."""
     return f"{category.__name__}: {printable(str(message))}\n"
 

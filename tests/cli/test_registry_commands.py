@@ -9,20 +9,11 @@ import pytest
 from swarmdata.hub.publishing import regenerate
 from swarmdata.registry import published, recipes
 from swarmdata.registry.published import Published
-from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.task_spec import TaskSpec
-from tests.support import command_line
+from tests.support import command_line, tiny
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
-TINY = Recipe(
-    id="coop_nav-tiny-mini-v0",
-    tier="random",
-    spec=TaskSpec(horizon=40),
-    policies=(PolicySource(label="random", name="random"),),
-    n_steps=400,
-    part_episodes=8,
-)
+TINY = tiny.TINY.model_copy(update={"id": "coop_nav-tiny-mini-v0"})
 
 
 run = partial(command_line.run, "registry")
