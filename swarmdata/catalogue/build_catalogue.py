@@ -20,8 +20,7 @@ from swarmdata.catalogue.pages.index_page import index_page
 from swarmdata.catalogue.pages.measured_page import measured_page
 from swarmdata.catalogue.pages.page_frame import Page, render
 from swarmdata.catalogue.pages.results_page import results_page
-from swarmdata.catalogue.replays.data_files import write_data
-from swarmdata.catalogue.replays.episode_choice import choose_episodes
+from swarmdata.catalogue.replays.data_files import choose_episodes, write_data
 from swarmdata.catalogue.replays.measured_files import play_again, write_measured
 from swarmdata.catalogue.result_sources import (
     Outcome,

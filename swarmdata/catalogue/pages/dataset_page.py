@@ -1,13 +1,18 @@
 """The page of one dataset: task, replay, how to get it, best results, reward, arrays, episodes."""
 
+import re
 from collections.abc import Sequence
+from typing import Any
 from urllib.parse import urlencode
+
+from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.token import Token
 
 from swarmdata.catalogue.boards import Board
 from swarmdata.catalogue.drawings import svg_shapes
 from swarmdata.catalogue.elements import Html, element, join, section
 from swarmdata.catalogue.entries import Entry, in_sizes
-from swarmdata.catalogue.pages.card_html import card_html
 from swarmdata.catalogue.pages.figures_shown import compact, count, percent
 from swarmdata.catalogue.pages.getting import get_part
 from swarmdata.catalogue.pages.page_frame import Page
@@ -45,6 +50,11 @@ WORLD_SCRIPTS = (
     *("track.js", "events.js", "world_page.js"),
 )
 SERIES_SCRIPTS = (*VIEWER_SCRIPTS, "lines.js", "pictures.js", "series_page.js")
+
+_FRONT_MATTER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
+
+_LINK = re.compile(r"https?://|(?![\w+.-]*:)")
+"""Targets of links: web addresses, and what is relative."""
 
 
 def dataset_page(
@@ -187,3 +197,68 @@ def _card(entry: Entry) -> Html:
         return section("Card", "card", element("p", "This dataset has no card yet: ", command))
     inside = element("details", element("summary", "The whole card"), card_html(entry.card))
     return section("Card", "card", inside, class_="card-text")
+
+
+def card_html(text: str) -> Html:
+    """Returns a card without its front matter, title and picture, headings one level deeper.
+
+    It is CommonMark with tables, from which nothing becomes HTML of its own.
+    """
+    parser = _Parser("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")
+    tokens = parser.parse(_FRONT_MATTER.sub("", text))
+    left_out: set[int] = set()
+    for k in range(1, len(tokens)):
+        if _is_left_out(tokens[k - 1], tokens[k]):
+            left_out |= {k - 1, k, k + 1}
+    shown = [token for k, token in enumerate(tokens) if k not in left_out]
+    return Html(parser.renderer.render(shown, parser.options, {}))
+
+
+def _is_left_out(before: Token, token: Token) -> bool:
+    """Whether this is the text of the title, or of a paragraph with nothing but a picture."""
+    if before.type == "paragraph_open":
+        return all(each.type == "image" for each in token.children or ())
+    return before.type == "heading_open" and before.tag == "h1"
+
+
+class _Parser(MarkdownIt):
+    def validateLink(self, url: str) -> bool:  # noqa: N802  (the library's name)
+        return _LINK.match(url) is not None
+
+
+class _Renderer(RendererHTML):
+    """What pages have besides: scrolled code and tables, and a first cell that names its row."""
+
+    def heading_open(self, tokens: Sequence[Token], idx: int, *rest: Any) -> str:
+        tokens[idx].tag = f"h{min(6, int(tokens[idx].tag[1:]) + 1)}"
+        return self.renderToken(tokens, idx, *rest)
+
+    heading_close = heading_open
+
+    def fence(self, tokens: Sequence[Token], idx: int, *_: Any) -> str:
+        return element("pre", element("code", tokens[idx].content.rstrip("\n")), tabindex="0")
+
+    def code_block(self, *parts: Any) -> str:
+        return self.fence(*parts)
+
+    def image(self, *_: Any) -> str:
+        return ""
+
+    def link_open(self, tokens: Sequence[Token], idx: int, *rest: Any) -> str:
+        tokens[idx].attrSet("rel", "noopener")
+        return self.renderToken(tokens, idx, *rest)
+
+    def table_open(self, *_: Any) -> str:
+        return '<div class="wide"><table>'
+
+    def table_close(self, *_: Any) -> str:
+        return "</table></div>"
+
+    def th_open(self, *_: Any) -> str:  # without its style, which pages do not allow
+        return '<th scope="col">'
+
+    def td_open(self, tokens: Sequence[Token], idx: int, *_: Any) -> str:
+        return '<th scope="row">' if tokens[idx - 1].type == "tr_open" else "<td>"
+
+    def td_close(self, tokens: Sequence[Token], idx: int, *_: Any) -> str:
+        return "</th>" if tokens[idx - 3].type == "tr_open" else "</td>"

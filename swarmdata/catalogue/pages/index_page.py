@@ -122,17 +122,15 @@ def _questions(entries: Mapping[str, Entry]) -> Html:
     rows: list[tuple[object, ...]] = []
     for question, names, why in QUESTIONS:
         found = [entries[key] for name in names if (key := f"{name}-v{NEWEST_VERSION}") in entries]
-        links = [_dataset_link(entry) for entry in found]
+        links = [
+            element("span", _link(entry, entry.id), f" {percent(entry.success)}") for entry in found
+        ]
         if links:
             rows.append((question, join(*links), why))
     if not rows:
         return join()
     head = ("Does my algorithm …", "use (solved)", "because")
     return element("section", table(head, rows, class_="questions"), aria_label="Which dataset?")
-
-
-def _dataset_link(entry: Entry) -> Html:
-    return element("span", _link(entry, entry.id), f" {percent(entry.success)}")
 
 
 def _link(entry: Entry, text: str) -> Html:

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.catalogue.replays.episode_choice import choose_episodes
+from swarmdata.catalogue.replays.data_files import choose_episodes
 from tests.support.episode_table import episode_table
 
 
