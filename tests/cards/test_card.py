@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 
 from swarmdata.analysis.coverage import Coverage, Dependence, Entropies
 from swarmdata.analysis.passings import Passings
@@ -153,29 +152,6 @@ def test_golden(update_golden: bool) -> None:
     assert text == GOLDEN.read_text(encoding="utf-8")
 
 
-def test_the_card_states_the_whole_reward() -> None:
-    """Row 45: the shared terms were "what all tasks share", and contacts were not explained."""
-    data = make_card_data()
-    text = render(data)
-    for name, weight in data.origin.spec.rules.rewards:  # type: ignore[attr-defined]
-        if name != "team_share":
-            assert f"| {name} | {weight:g} | " in text, name
-    assert "| `-weight * min(max(1 - gap / 0.1, 0), 1)` |" in text
-    assert "team_share is 0." in text
-    assert "lasts until their gap exceeds 0.01 m" in text
-    assert "counts a pair of robots once, `events` in the rows of both" in text
-    assert "`starts[e] + e + lengths[e]`" in text
-
-
-def test_front_matter_is_yaml_for_the_hub() -> None:
-    _, front, _ = render(make_card_data()).split("---\n", 2)
-    content = yaml.safe_load(front)
-
-    assert content["license"] == "unknown", "an own dataset does not get the license of the package"
-    assert content["size_categories"] == ["1K<n<10K"]
-    assert "coop_nav" in content["tags"]
-
-
 @pytest.mark.parametrize(
     ("column", "spoil", "claim"),
     [
@@ -229,22 +205,15 @@ def test_policy_without_episodes_is_an_error() -> None:
         render(make_card_data(make_table(policy=np.zeros(N_EPISODES, np.uint8))))
 
 
-def test_coverage_and_sides_are_read_from_the_findings() -> None:
-    text = render(make_card_data())
-    assert "| places visited | 50.0 % | of the 4 free cells of 1 m |" in text
-    assert "| expert-0 | 10 | 90 % [60, 98] |" in text
-    assert "| random | 0 |" not in text, "a policy without passings has no side"
+def test_what_was_not_found_is_not_on_the_card() -> None:
     data = make_card_data()
-    covered = replace(data.coverage, passings={0: Passings(0, 0)}, dependence=None)
+    covered = replace(
+        data.coverage, passings={0: Passings(0, 0)}, dependence=None, states=None, actions=None
+    )
     text = render(replace(data, coverage=covered, log_probs=None))
     assert "No two robots passed each other head-on" in text
     assert "mutual information" not in text
     assert "Log-probabilities" not in text
-
-
-def test_too_short_for_entropies() -> None:
-    data = make_card_data()
-    text = render(replace(data, coverage=replace(data.coverage, states=None, actions=None)))
     assert text.count("| unknown | needs 6 joint steps |") == 2
 
 
