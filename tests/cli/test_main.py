@@ -21,9 +21,9 @@ from swarmdata.cli.main import MAINTENANCE, SECTIONS, app
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.command_line import run
+from tests.support.tiny import TINY
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -36,16 +36,8 @@ COMMAND = [
 
 @pytest.fixture
 def recipe_file(tmp_path: Path) -> Path:
-    recipe = Recipe(
-        id="coop_nav-tiny-v0",
-        tier="tiny",
-        spec=TaskSpec(horizon=40),
-        policies=(PolicySource(label="random", name="random"),),
-        n_steps=400,
-        part_episodes=16,
-    )
     path = tmp_path / "recipe.yaml"
-    path.write_text(recipe.to_yaml())
+    path.write_text(TINY.model_copy(update={"policies": TINY.policies[:1]}).to_yaml())
     return path
 
 
