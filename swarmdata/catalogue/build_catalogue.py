@@ -55,26 +55,17 @@ DEFAULT_EPISODES = 1000
 
 @dataclass(frozen=True)
 class CatalogueChoices:
-    """What a catalogue shows.
+    """What a catalogue shows."""
 
-    Attributes:
-        episodes: most episodes of each dataset; None: all.
-        results: folders and files with results of one's own.
-        entries: folder with entries of a leaderboard, which are verified; None: there is none.
-        observation: observation model through which replays are shown; None: the recorded one.
-        communication: communication model, likewise.
-        workers: processes that build datasets.
-        published: whether published datasets whose episodes are not shown have pages too, and all
-            committed results; if not, there are only the datasets that are named and their results.
-    """
-
-    episodes: int | None = DEFAULT_EPISODES
-    results: tuple[Path, ...] = ()
-    entries: Path | None = None
-    observation: Source | None = None
-    communication: Source | None = None
-    workers: int | None = None
+    episodes: int | None = DEFAULT_EPISODES  # most of each dataset; None: all
+    results: tuple[Path, ...] = ()  # folders and files with results of one's own
+    entries: Path | None = None  # folder with entries of a leaderboard, which are verified
+    observation: Source | None = None  # model through which replays are shown, not the recorded one
+    communication: Source | None = None  # likewise
+    workers: int | None = None  # processes that build datasets
     published: bool = True
+    """Whether published datasets whose episodes are not shown have pages too, and all committed
+    results; if not, there are only the datasets that are named and their results."""
 
 
 def build_catalogue(

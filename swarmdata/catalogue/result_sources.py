@@ -83,25 +83,15 @@ class LineSet:
 
 @dataclass(frozen=True)
 class ResultSource:
-    """The results of one source.
-
-    Attributes:
-        title: of the source.
-        place: where it comes from: the name of its folder, or its path in this repository.
-        outcomes: by dataset and label.
-        data: mean score of each dataset's own episodes, where it is known.
-        charts: learning curves and sweeps.
-        is_own: whether it is no study of this installation.
-        is_verified: whether it is an entry of a leaderboard that was verified.
-    """
+    """The results of one source."""
 
     title: str
-    place: str
-    outcomes: tuple[Outcome, ...]
-    data: Mapping[str, float]
-    charts: tuple[LineSet, ...] = ()
-    is_own: bool = False
-    is_verified: bool = False
+    place: str  # where it comes from: the name of its folder, or its path in this repository
+    outcomes: tuple[Outcome, ...]  # by dataset and label
+    data: Mapping[str, float]  # mean score of each dataset's own episodes, where it is known
+    charts: tuple[LineSet, ...] = ()  # learning curves and sweeps
+    is_own: bool = False  # it is no study of this installation
+    is_verified: bool = False  # it is an entry of a leaderboard that was verified
 
     def with_outcomes(self, change: Callable[["ResultSource", Outcome], Outcome]) -> "ResultSource":
         """Returns the source with each outcome changed."""

@@ -147,10 +147,7 @@ def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
     """Returns a color and a marker of each label: of its family, and of its algorithm.
 
     A label that is an algorithm has that algorithm's marker; others have the next free ones of
-    their color. With more families than colors, families share a color.
-
-    Args:
-        families: label -> family or algorithm, in the order of the tables.
+    their color, in their order. With more families than colors, families share a color.
     """
     kinds = {label: family_name(kind) for label, kind in families.items()}
     color_of = family_colors(tuple(dict.fromkeys(kinds.values())))
@@ -259,7 +256,7 @@ def figure(
         width: inches.
         height: inches.
         purpose: for the error message if matplotlib is missing.
-        medium: what it is for; a paper's figures have text of 8 points.
+        medium: a paper's figures have text of 8 points.
 
     Raises:
         SchemaError: an unknown suffix.

@@ -80,12 +80,9 @@ def nice_axis(values: Sequence[float], start: float, end: float) -> Axis:
 
 
 def score_axis(estimates: Sequence[Estimate], data: float | None, low: float) -> Axis:
-    """Returns the axis of the intervals of a table.
+    """Returns the axis of a table's intervals, and of the mean of the dataset's own episodes.
 
-    Args:
-        estimates: all of the table; undefined ones are left out.
-        data: the mean of the dataset's own episodes; None: not known.
-        low: where the axis begins at the latest, so that one bad row does not squeeze the others.
+    It does not begin below `low`, so that one bad row does not squeeze the others.
     """
     ends = [end for each in estimates for end in each if not math.isnan(end)]
     ends += [] if data is None else [data]
