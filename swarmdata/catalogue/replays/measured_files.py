@@ -98,13 +98,11 @@ def measured_columns(results: Sequence[Result]) -> list[str]:
 
 def _defined(results: Sequence[Result]) -> set[str]:
     """Metrics with a value in all results; the time to goal has none if nothing is solved."""
+    metrics = [result.evaluation.metrics for result in results]
     return {
         name
-        for name in results[0].evaluation.metrics
-        if all(
-            name == "time_to_goal" or np.isfinite(each.evaluation.metrics.get(name, np.nan)).all()
-            for each in results
-        )
+        for name in set.intersection(*map(set, metrics))
+        if name == "time_to_goal" or all(np.isfinite(each[name]).all() for each in metrics)
     }
 
 
