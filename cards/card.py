@@ -66,11 +66,7 @@ def side_files(folder: Path) -> dict[str, bytes]:
 
 
 def card_of(folder: Path, picture: str | None = None) -> str:
-    """Renders the card of a finished dataset.
-
-    Args:
-        folder: the dataset's.
-        picture: file name of its picture, if the card shows one.
+    """Renders the card of a finished dataset; `picture` is the file name of one that it shows.
 
     Raises:
         DatasetError: the dataset cannot be used.
@@ -87,28 +83,19 @@ def card_of(folder: Path, picture: str | None = None) -> str:
 
 
 def render(data: CardData, picture: str | None = None) -> str:
-    """Returns the card's text; a picture replaces the histogram in text.
-
-    Raises:
-        SchemaError: a check that the card reports did not pass.
-        SpecError: something stored has no description.
-        StudyError: a study of this installation cannot be read.
-    """
+    """Returns the card's text, as `card_of` does; a picture replaces the histogram in text."""
     spec = task_of(data.origin, "a card of a task")
     task = make_task(spec)
-    violated = (f"This claim does not hold: {claim}" for claim in checked(data)[1])
+    mean = float(data.table.team_return.mean())
+    holds, broken = check(data)
+    violated = (f"This claim does not hold: {claim}" for claim in broken)
     sections = (
         identity_section(data.manifest, data.origin),
         tier_section(data.origin),
         about_section(data.origin),
         statistics_section(data, picture),
         policies_section(data),
-        references_section(
-            data.references,
-            spec,
-            float(data.table.team_return.mean()),
-            has_task_rewards=data.has_task_rewards,
-        ),
+        references_section(data.references, spec, mean, has_task_rewards=data.has_task_rewards),
         baselines_section(data.origin.id, data.manifest.digest, committed_studies()),
         coverage_section(data),
         log_probs_section(data),
@@ -119,26 +106,18 @@ def render(data: CardData, picture: str | None = None) -> str:
         senses_section(spec),
         arrays_section(task, data.manifest),
         definitions_section(task),
-        bullets("Checks passed", check(data)),
+        bullets("Checks passed", holds),
         origin_section(data.origin, data.manifest),
     )
     return "".join([front_matter(data.manifest, data.origin), *sections])
 
 
-def check(data: CardData) -> tuple[str, ...]:
-    """Returns the claims that hold for this dataset.
+def check(data: CardData) -> tuple[list[str], list[str]]:
+    """Returns the claims about a dataset that hold, and those that do not.
 
     Raises:
         SchemaError: names the claims that fail for a dataset that a recipe generated.
     """
-    holds, broken = checked(data)
-    if broken and data.origin.recipe is not None:
-        raise SchemaError(f"{data.origin.id} fails its checks: {' '.join(broken)}")
-    return holds
-
-
-def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Claims about this dataset: those that hold, and those that do not."""
     table, spec = data.table, task_of(data.origin, "checking")
     claims = {
         "No episode has a reserved evaluation seed.": (table.seeds < EVALUATION_BASE).all(),
@@ -152,7 +131,7 @@ def checked(data: CardData) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if data.origin.recipe is not None:
         is_whole = data.manifest.n_steps >= data.origin.recipe.n_steps
         claims["The dataset has at least the joint steps of its recipe."] = is_whole
-    return (
-        tuple(claim for claim, holds in claims.items() if holds),
-        tuple(claim for claim, holds in claims.items() if not holds),
-    )
+    broken = [claim for claim, holds in claims.items() if not holds]
+    if broken and data.origin.recipe is not None:
+        raise SchemaError(f"{data.origin.id} fails its checks: {' '.join(broken)}")
+    return [claim for claim, holds in claims.items() if holds], broken

@@ -39,17 +39,22 @@ class CommittedStudy:
         return self.folder.name
 
     @cached_property
-    def chose_settings(self) -> bool:
-        """Whether it was measured on validation seeds, on which settings are chosen.
+    def plan(self) -> Mapping[str, object]:
+        """Its plan, as it was written.
 
         Raises:
-            StudyError: its plan is no plan.
+            StudyError: it is no plan.
         """
         plan = self.folder.joinpath(PLAN_FILE)
         found = parse_document(plan.read_bytes(), str(plan))
         if not isinstance(found, dict) or "block" not in found:
             raise StudyError(f"{plan} names no `block` of seeds, expected the plan of a study.")
-        return bool(found["block"] == "validation")
+        return found
+
+    @property
+    def chose_settings(self) -> bool:
+        """Whether it was measured on validation seeds, on which settings are chosen."""
+        return self.plan["block"] == "validation"
 
 
 @cache
@@ -71,18 +76,23 @@ def read_studies(place: Traversable) -> tuple[CommittedStudy, ...]:
     folders = sorted((each for each in place.iterdir() if each.is_dir()), key=lambda it: it.name)
     marks = (PLAN_FILE, ESTIMATES_FILE)
     return tuple(
-        CommittedStudy(folder, _estimates_of(folder))
+        read_study(folder)
         for folder in folders
         if any(folder.joinpath(name).is_file() for name in marks)
     )
 
 
-def _estimates_of(folder: Traversable) -> tuple[Means, ...]:
+def read_study(folder: Traversable) -> CommittedStudy:
+    """Reads the study of a folder.
+
+    Raises:
+        StudyError: it cannot be read.
+    """
     for name in (PLAN_FILE, ESTIMATES_FILE):
         if not folder.joinpath(name).is_file():
             raise StudyError(f"the study {folder} has no {name}. `swarmdata study` writes it.")
     file = folder.joinpath(ESTIMATES_FILE)
-    return read_estimates(file.read_text(encoding="utf-8"), str(file))
+    return CommittedStudy(folder, read_estimates(file.read_text(encoding="utf-8"), str(file)))
 
 
 def read_estimates(text: str, source: str) -> tuple[Means, ...]:

@@ -22,17 +22,12 @@ CARDS = OutputKind("folder of cards")
 def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path]:
     """Writes the card of a finished dataset to another folder and returns what it wrote.
 
-    Args:
-        folder: the dataset's.
-        out: folder to write to; made if absent.
-        pictures: whether to draw `<id>.png`; the text has a histogram in its place otherwise.
+    Without `pictures`, the text has a histogram in place of `<id>.png`. Other errors are those of
+    `card_of`.
 
     Raises:
-        DatasetError: the dataset cannot be used.
         OutputError: `out` has files that are no cards of this package.
         MissingExtraError: pictures need matplotlib or Pillow, which is not installed.
-        SchemaError: a check that the card reports did not pass.
-        SpecError: something stored has no description.
     """
     dataset = Dataset.open(folder, verify="none")
     text, picture = out / f"{dataset.id}.md", out / f"{dataset.id}.png"
@@ -45,16 +40,9 @@ def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path
 
 
 def refresh_cards(folder: Path, studies: Sequence[CommittedStudy]) -> list[Path]:
-    """Writes reference scores and baselines again in the cards of published datasets.
+    """Writes reference scores and baselines again in a folder's cards; returns those that changed.
 
     The other sections come from the data, and stay as they are.
-
-    Args:
-        folder: with cards, `<id>.md`, as `publish_card` writes them.
-        studies: whose results the cards show.
-
-    Returns:
-        The cards that changed.
 
     Raises:
         SchemaError: there is no card, or one is of other data or lacks one of these sections.
@@ -84,15 +72,7 @@ def refresh_cards(folder: Path, studies: Sequence[CommittedStudy]) -> list[Path]
 
 
 def measured_sections(dataset_id: str, studies: Sequence[CommittedStudy]) -> str:
-    """Returns what a published dataset's card says of policies: reference scores and baselines.
-
-    Args:
-        dataset_id: with its version.
-        studies: whose results it shows.
-
-    Raises:
-        StudyError: the plan of a study cannot be read.
-    """
+    """Returns what a published dataset's card says of policies: reference scores and baselines."""
     entry, spec = published()[dataset_id], task_of(find_recipe(dataset_id), "a card")
     references = references_section(references_of(spec.hash()), spec, entry.mean_return)
     return references + baselines_section(dataset_id, entry.digest, studies)

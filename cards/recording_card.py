@@ -7,15 +7,13 @@ import numpy as np
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.origin import (
     about_section,
-    acting_policies,
     origin_section,
     splits_section,
     tier_section,
 )
-from swarmdata.cards.sections.problem import ROW_OFFSETS
+from swarmdata.cards.sections.problem import arrays_table
 from swarmdata.cards.sections.statistics import percent, statistics_text
 from swarmdata.drawing import markdown
-from swarmdata.errors import SpecError
 from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.spaces import (
     Bound,
@@ -44,19 +42,8 @@ MOST_BOUNDS = 8
 
 
 def render_recorded(stored: StoredDataset, picture: str | None = None) -> str:
-    """Returns the card's text; with a picture in the place of the histogram in text.
-
-    Args:
-        stored: the open dataset.
-        picture: file name of its picture, if the card shows one.
-
-    Raises:
-        SpecError: it is of a task of this package, whose card has more.
-    """
-    origin, table = stored.recipe, stored.table
-    spec = origin.spec
-    if spec.world is not None:
-        raise SpecError(f"{origin.id} is of the task {spec.task}: `card_of` renders its card")
+    """Returns the card's text; a picture, named by its file, replaces the histogram in text."""
+    origin, table, spec = stored.recipe, stored.table, stored.recipe.spec
     holds, broken = _checked(table, spec)
     sections = (
         front_matter(stored.manifest, origin),
@@ -125,12 +112,7 @@ def _bound(bound: Bound, infinite: str) -> str:
 
 
 def _arrays(stored: StoredDataset) -> str:
-    rows = [
-        (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
-        for name, entry in sorted(stored.manifest.arrays.items())
-    ]
-    text = "\n## Arrays\n\n" + markdown.table(("array", "dtype", "shape"), rows)
-    text += f"\n{ROW_OFFSETS}\n\nArrays with an axis of length 0 were not recorded."
+    text = f"{arrays_table(stored.manifest)}Arrays with an axis of length 0 were not recorded."
     if "alive" in stored.arrays:
         text += (
             " Agents can leave before the episode ends: `alive` marks the agents that act next. "
@@ -144,19 +126,14 @@ def _arrays(stored: StoredDataset) -> str:
 
 def _policies(table: EpisodeTable, origin: Origin) -> str:
     rows = []
-    for index in acting_policies(table, origin):
-        source, own = origin.policies[index], table.take(np.flatnonzero(table.policy == index))
-        rows.append(
-            (
-                source.label,
-                source.title,
-                f"{len(own):,}",
-                f"{own.lengths.sum():,}",
-                f"{own.team_return.mean():.3f} ± {own.team_return.std():.3f}",
-                _success(own),
-                f"{own.lengths.mean():.1f}",
-            )
-        )
+    for index, source in enumerate(origin.policies):
+        own = table.take(np.flatnonzero(table.policy == index))
+        if not len(own):
+            continue
+        counts = f"{len(own):,}", f"{own.lengths.sum():,}"
+        returns = f"{own.team_return.mean():.3f} ± {own.team_return.std():.3f}"
+        length = f"{own.lengths.mean():.1f}"
+        rows.append((source.label, source.title, *counts, returns, _success(own), length))
     head = ("id", "policy", "episodes", "steps", "return", "success", "length")
     return (
         "\n## Behavior policies\n\n"
@@ -189,13 +166,10 @@ def _statistics(table: EpisodeTable, origin: Origin, picture: str | None) -> str
 
 def _checked(table: EpisodeTable, spec: Spec) -> tuple[Sequence[str], Sequence[str]]:
     """Claims that hold, and claims that do not, in words."""
+    is_unique = len(np.unique(table.seeds)) == len(table)
     claims = [
         (True, "Every return is finite.", ""),
-        (
-            len(np.unique(table.seeds)) == len(table),
-            "No reset seed occurs twice.",
-            "Some reset seeds occur twice.",
-        ),
+        (is_unique, "No reset seed occurs twice.", "Some reset seeds occur twice."),
     ]
     if spec.horizon is not None:
         within = bool((table.lengths <= spec.horizon).all())

@@ -110,20 +110,19 @@ def interval(values: Double) -> Interval | None:
 def gap_section(known: TaskReferences, naive_teams: Collection[str]) -> str:
     """The coordination gaps of a task as Markdown; empty where they were not measured.
 
-    Args:
-        known: measured references of the task.
-        naive_teams: of its rules, `TaskRules.naive_teams`.
+    `naive_teams` are those of its rules, `TaskRules.naive_teams`.
     """
     if not known.gaps:
         return ""
-    scales = {"success": 100.0, "clean success": 100.0}
+    columns = {"success": ("success", 100.0), "clean success": ("clean_success", 100.0)}
     if known.reference is not None:
-        scales["score"] = 100.0 / (known.reference.expert - known.reference.no_skill)
+        span = known.reference.expert - known.reference.no_skill
+        columns["score"] = ("return", 100.0 / span)
     rows = [
-        (name, *(_points(gaps, each, scale) for each, scale in scales.items()))
+        (name, *(_points(gaps[metric], scale) for metric, scale in columns.values()))
         for name, gaps in known.gaps.items()
     ]
-    head = ("gap to", *scales)
+    head = ("gap to", *columns)
     return f"\n{table(head, rows, is_numeric=True)}{_best_naive(known, naive_teams)}"
 
 
@@ -134,16 +133,14 @@ def _best_naive(known: TaskReferences, naive_teams: Collection[str]) -> str:
     if not shares:
         return ""
     name, best = max(shares.items(), key=lambda item: item[1].value)
-    value, low, high = (100.0 * each for each in (best.value, best.low, best.high))
     return (
         f"\nThe best of {len(shares)} teams that do not act together is `{name}`, which solves "
-        f"{value:.1f} [{low:.1f}, {high:.1f}] %.\n"
+        f"{_points(best, 100.0)} %.\n"
     )
 
 
-def _points(gaps: Mapping[str, Interval], name: str, scale: float) -> str:
-    gap = gaps["return" if name == "score" else name.replace(" ", "_")]
-    value, low, high = (scale * each for each in (gap.value, gap.low, gap.high))
+def _points(found: Interval, scale: float) -> str:
+    value, low, high = (scale * each for each in (found.value, found.low, found.high))
     return f"{value:.1f} [{low:.1f}, {high:.1f}]"
 
 

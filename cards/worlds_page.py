@@ -43,8 +43,7 @@ INDEX_POLICIES = ("straight", *LESS_COORDINATED, "scripted", "medium", "expert")
 def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
     """Returns the pages as Markdown, by file name: an index, and the presets of each task.
 
-    Args:
-        known: measured references by preset; presets without an entry are named as not measured.
+    Presets without an entry in `known` are named as not measured.
     """
     tasks: dict[str, list[str]] = {}
     for name in preset_names():
@@ -77,12 +76,7 @@ def _success(entry: TaskReferences | None, teams: Sequence[str]) -> list[str]:
 
 
 def preset_figures(name: str, entry: TaskReferences | None) -> str:
-    """Returns a preset in one line and the table of its reference policies, as Markdown.
-
-    Args:
-        name: of the preset.
-        entry: its measured references; None: they were not measured.
-    """
+    """Returns a preset in one line and the table of its reference policies, if any, as Markdown."""
     spec = preset(name)
     robots = ", ".join(f"{role.count} x {role.name}" for role in spec.team)
     share = spec.rules.rewards.team_share

@@ -52,13 +52,8 @@ def draw_episode_paths(axes: Any, episode: Episode | None, recipe: Origin) -> No
         note(axes, "no further episode")
         return
     spec, last = task_of(recipe, "a picture"), len(episode)
-    image = draw(
-        spec,
-        episode.layout,
-        episode.states[last],
-        events=episode.events[last - 1],
-        size=ARENA_PIXELS,
-    )
+    events = episode.events[last - 1]
+    image = draw(spec, episode.layout, episode.states[last], events=events, size=ARENA_PIXELS)
     x, y = spec.arena.width / 2 + WALL_WIDTH, spec.arena.height / 2 + WALL_WIDTH
     axes.imshow(image, extent=(-x, x, -y, y), interpolation="antialiased")
     for path, color in _paths(episode, spec):

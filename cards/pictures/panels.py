@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from swarmdata.analysis.visits import Occupancy
-from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, thousands
+from swarmdata.drawing.style import COLORS, FAINT, GRAY, INK, draw_grid, thousands
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
-from swarmdata.types import END_REASONS, Double, Float
+from swarmdata.types import END_REASONS, Double, Float, Int
 
 SMALL_FONT_SIZE = 8
 """Points of ticks and notes."""
@@ -99,13 +99,8 @@ def draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges:
     axes.set_yticks(shown + 0.5, [labels[k] for k in shown.tolist()], fontsize=SMALL_FONT_SIZE - 2)
 
 
-def draw_lengths(axes: Any, table: EpisodeTable, spec: TaskSpec) -> None:
+def draw_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> None:
     """How long episodes were, stacked by the reason of their end."""
-    stack_lengths(axes, table, spec.horizon, f"joint steps of {spec.control_dt:g} s")
-
-
-def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> None:
-    """The same of any episodes."""
     edges = np.linspace(0.0, horizon, 33)
     bottom = np.zeros(32)
     for code, reason in enumerate(END_REASONS):
@@ -114,21 +109,13 @@ def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> 
             continue
         counts = np.histogram(lengths, edges)[0].astype(np.float64)
         label = f"{reason} {100 * len(lengths) / len(table):.0f} %"
-        axes.bar(
-            edges[:-1],
-            counts,
-            np.diff(edges),
-            bottom,
-            align="edge",
-            color=END_COLORS[reason],
-            label=label,
-        )
+        look = {"align": "edge", "color": END_COLORS[reason], "label": label}
+        axes.bar(edges[:-1], counts, np.diff(edges), bottom, **look)
         bottom += counts
     axes.set_xlim(0.0, horizon)
     axes.set_ylim(0.0, 1.32 * bottom.max())
     axes.yaxis.set_major_formatter(thousands)
-    axes.grid(axis="y", color=FAINT, lw=0.8)
-    axes.set_axisbelow(True)
+    draw_grid(axes, "y")
     axes.legend(
         fontsize=SMALL_FONT_SIZE, loc="upper left", handlelength=0.9, borderpad=0, labelspacing=0.25
     )
@@ -137,7 +124,7 @@ def stack_lengths(axes: Any, table: EpisodeTable, horizon: int, xlabel: str) -> 
 
 def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
     """Visits of each cell, logarithmic; what no robot's centre can reach is solid."""
-    from matplotlib.colors import ListedColormap, LogNorm  # noqa: PLC0415  (matplotlib is an extra)
+    from matplotlib.colors import ListedColormap  # noqa: PLC0415  (matplotlib is an extra)
 
     x, y = spec.arena.width / 2, spec.arena.height / 2
     rows, columns = places.visits.shape
@@ -145,15 +132,7 @@ def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
     axes.set_facecolor(_SOLID)
     floor = np.where(places.free, 1.0, np.nan)
     axes.imshow(floor, origin="lower", extent=extent, cmap=ListedColormap([_FLOOR]))
-    visits = np.where(places.visits > 0, places.visits, np.nan)
-    shown = axes.imshow(
-        visits,
-        origin="lower",
-        extent=extent,
-        cmap=_shades(),
-        norm=LogNorm(1.0, max(10.0, float(places.visits.max()))),
-        interpolation="nearest",
-    )
+    shown = _draw_counts(axes, places.visits, extent)
     axes.set(xlim=(-x, x), ylim=(-y, y))
     axes.set_anchor("N")
     for spine in axes.spines.values():
@@ -170,29 +149,14 @@ def draw_places(axes: Any, places: Occupancy, spec: TaskSpec) -> None:
 
 
 def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
-    """Two-dimensional histogram of the driving commands with its marginals.
-
-    Args:
-        axes: the panel.
-        actions: commands in [-1, 1], [n, N, 2].
-        spec: the task.
-    """
-    from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
-
+    """Two-dimensional histogram of driving commands in [-1, 1], [n, N, 2], with its marginals."""
     kinds = {robot.dynamics for robot in spec.robots}
     names = {"holonomic": ("along x", "along y"), "unicycle": ("forward", "turn")}
     first, second = names[kinds.pop()] if len(kinds) == 1 else ("1st", "2nd")
     edges = np.linspace(-1.0, 1.0, 42)
     flat = actions.reshape(-1, 2)
     counts = np.histogram2d(flat[:, 0], flat[:, 1], bins=(edges, edges))[0].T
-    axes.imshow(
-        np.where(counts > 0, counts, np.nan),
-        origin="lower",
-        extent=(-1, 1, -1, 1),
-        cmap=_shades(),
-        norm=LogNorm(1.0, max(10.0, float(counts.max()))),
-        interpolation="nearest",
-    )
+    _draw_counts(axes, counts, (-1, 1, -1, 1))
     middles = (edges[:-1] + edges[1:]) / 2
     look = {"color": COLORS[0], "alpha": 0.8, "lw": 0, "step": "mid"}
     for fill, sums in (
@@ -206,6 +170,15 @@ def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_visible(False)
     finish(axes, "Commands", f"command {first}", f"command {second}")
+
+
+def _draw_counts(axes: Any, counts: Int | Double, extent: tuple[float, ...]) -> Any:
+    """Cells of a grid, the darker, the more is counted, logarithmic; empty ones are left out."""
+    from matplotlib.colors import LogNorm  # noqa: PLC0415  (matplotlib is an extra)
+
+    look = {"cmap": _shades(), "norm": LogNorm(1.0, max(10.0, float(counts.max())))}
+    shown = np.where(counts > 0, counts, np.nan)
+    return axes.imshow(shown, origin="lower", extent=extent, interpolation="nearest", **look)
 
 
 def _shades(*, from_floor: bool = False) -> Any:

@@ -14,7 +14,6 @@ from swarmdata.cards.pictures.panels import (
     draw_returns,
     draw_rows,
     finish,
-    stack_lengths,
 )
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing.style import GRAY, figure
@@ -52,15 +51,11 @@ PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leav
 
 
 def draw_card(dataset: Dataset, path: Path) -> None:
-    """Draws a dataset on one sheet.
+    """Draws a dataset on one sheet, a `.png` file, whose folder is made if absent.
 
     Above: returns and lengths of episodes, places and commands of robots; below: four episodes.
     Of a recording of another environment: returns, lengths and actions.
     A gigabyte takes as long as a mini: everything over time comes from samples.
-
-    Args:
-        dataset: what to show.
-        path: the `.png` file; its folder is made if absent.
 
     Raises:
         SchemaError: another kind of file, or a dataset without episodes.
@@ -94,7 +89,7 @@ def _draw_episodes(sheet: Any, dataset: Dataset, spec: TaskSpec) -> None:
     head.text(0.988, 0.12, PATH_KEY, fontsize=8, color=GRAY, ha="right", va="center")
     axes = above.subplots(1, 4, width_ratios=(1.15, 0.95, 1.15, 1.0))
     draw_returns(axes[0], table, recipe)
-    draw_lengths(axes[1], table, spec)
+    draw_lengths(axes[1], table, spec.horizon, f"joint steps of {spec.control_dt:g} s")
     draw_places(axes[2], places, spec)
     draw_actions(axes[3], dataset.stored.arrays["actions"][steps][..., :2], spec)
     panels = below.subplots(1, 4)
@@ -113,7 +108,7 @@ def _draw_recorded(sheet: Any, dataset: Dataset, spec: Spec) -> None:
     _write_head(head, dataset, "agents", *(f"{name}: {value}" for name, value in spec.facts[:1]))
     axes = panels.subplots(1, 3, width_ratios=(1.1, 0.9, 1.3))
     draw_returns(axes[0], table, dataset.recipe)
-    stack_lengths(axes[1], table, spec.horizon or int(table.lengths.max()), "joint steps")
+    draw_lengths(axes[1], table, spec.horizon or int(table.lengths.max()), "joint steps")
     draw_choices(axes[2], stored.arrays["actions"][steps], acting, spec)
 
 
@@ -128,13 +123,9 @@ def _write_head(head: Any, dataset: Dataset, who: str, *more: str) -> None:
 
 
 def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
-    """How often each value of each column of an action was taken, a row for each.
+    """How often each value of each column of the actions [n, N, A] was taken, a row for each.
 
-    Args:
-        axes: the panel.
-        actions: as recorded, [n, N, A].
-        acting: who took one, [n, N].
-        spec: of the recording.
+    `acting` marks who took one, [n, N].
     """
     labels, shares = [], []
     for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):

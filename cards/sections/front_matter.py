@@ -38,11 +38,9 @@ def identity_section(manifest: Manifest, origin: Origin) -> str:
     """Title, a snippet that opens the dataset, and a table of what identifies it."""
     spec = origin.spec
     size = sum(entry.size for entry in manifest.files.values())
-    recorded = (
-        ("environment", f"`{spec.task}`")
-        if spec.world is None
-        else ("task", f"`{spec.task}` version {spec.world.version}")
-    )
+    recorded = ("environment", f"`{spec.task}`")
+    if spec.world is not None:
+        recorded = ("task", f"`{spec.task}` version {spec.world.version}")
     rows = (
         ("id", f"`{origin.id}`"),
         recorded,

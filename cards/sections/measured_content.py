@@ -21,27 +21,9 @@ LOG_PROB_QUANTILES = (0.01, 0.5, 0.99)
 class LogProbabilities:
     """Log-probabilities of one policy's actions, per robot and step, nats."""
 
-    n: int
     undefined: float  # share that is not finite: actions that the policy could not have taken
     mean: float  # of the finite values; NaN if there are none
-    quantiles: tuple[float, ...]  # at QUANTILES, the same
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MeasuredContent:
-    """Statistics of the arrays over time; the rest of a card comes from the episode table."""
-
-    coverage: Coverage
-    log_probs: dict[int, LogProbabilities] | None  # by policy index; None: not recorded
-
-
-def measure(stored: StoredDataset) -> MeasuredContent:
-    """Measures an open dataset; a second of work at most, however large it is.
-
-    Raises:
-        SchemaError: too few joint steps to estimate anything.
-    """
-    return MeasuredContent(coverage(stored), _log_probs(stored))
+    quantiles: tuple[float, ...]  # at LOG_PROB_QUANTILES, the same
 
 
 def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
@@ -55,7 +37,6 @@ def _log_probs(stored: StoredDataset) -> dict[int, LogProbabilities] | None:
         finite = values[np.isfinite(values)]
         known = finite if len(finite) else np.array([np.nan])
         found[policy] = LogProbabilities(
-            n=len(values),
             undefined=1.0 - len(finite) / len(values),
             mean=float(known.mean()),
             quantiles=tuple(np.quantile(known, LOG_PROB_QUANTILES).tolist()),
@@ -70,7 +51,8 @@ class CardData:
     manifest: Manifest
     origin: Origin
     table: EpisodeTable
-    measured: MeasuredContent
+    coverage: Coverage
+    log_probs: dict[int, LogProbabilities] | None  # by policy index; None: not recorded
     references: TaskReferences | None
     has_task_rewards: bool
 
@@ -78,17 +60,18 @@ class CardData:
 def card_data_of(stored: StoredDataset) -> CardData:
     """Measures an open dataset of one of the package's tasks.
 
+    A second of work at most, however large it is.
+
     Raises:
         SpecError: it was recorded in another environment.
-        SchemaError: too few joint steps to estimate anything.
     """
     spec = task_of(stored.recipe, "a card of a task")
-    known = references_of(spec.hash())
     return CardData(
         stored.manifest,
         stored.recipe,
         stored.table,
-        measure(stored),
-        known,
+        coverage(stored),
+        _log_probs(stored),
+        references_of(spec.hash()),
         has_task_rewards(stored),
     )

@@ -3,8 +3,6 @@
 They ask the protocol `Origin` only, so that a new kind of origin needs nothing here.
 """
 
-import numpy as np
-
 from swarmdata.cards.sections.front_matter import PROPERTIES
 from swarmdata.cards.sections.wording import (
     STRICT_NOTE,
@@ -118,8 +116,3 @@ def _parent_row(parent: Parent) -> tuple[str, ...]:
         numbers = [*numbers[:3], f"… {numbers[-1]}"]
     count = f"{len(parent.episodes):,}"
     return (f"`{parent.id}`", f"`{parent.digest}`", count, ", ".join(numbers))
-
-
-def acting_policies(table: EpisodeTable, origin: Origin) -> list[int]:
-    """Indices of the policies that made episodes."""
-    return [k for k in range(len(origin.policies)) if np.any(table.policy == k)]

@@ -3,8 +3,6 @@
 import inspect
 import re
 import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
 
 from swarmdata.drawing.markdown import plain, table
 from swarmdata.errors import SchemaError, SpecError
@@ -24,7 +22,7 @@ from swarmdata.store.arrays.attributes import (
     sides_note,
 )
 from swarmdata.store.arrays.column_meanings import state_columns
-from swarmdata.types import EVENT_COLUMNS, Column
+from swarmdata.types import EVENT_COLUMNS
 
 SETTINGS = ("setting", "value")
 """Header of the tables that list a spec."""
@@ -33,25 +31,21 @@ SETTINGS = ("setting", "value")
 def task_section(task: Task) -> str:
     """The problem: robots, arena, rules."""
     spec = task.spec
+    goes_on = spec.on_collision == "continue"
     rows = [
         ("robots", ", ".join(f"{role.count} x {role.name}" for role in spec.team)),
         ("arena", f"{spec.arena.width:g} m x {spec.arena.height:g} m"),
         ("horizon", f"{spec.horizon} steps = {spec.horizon * spec.control_dt:g} s"),
         ("control step", f"{spec.control_dt:g} s, simulated in {spec.n_substeps} physics steps"),
-        (
-            "after a collision",
-            "the episode continues" if spec.on_collision == "continue" else "the episode fails",
-        ),
+        ("after a collision", f"the episode {'continues' if goes_on else 'fails'}"),
     ]
     for role in spec.team:
         robot = role.robot
-        rows.append(
-            (
-                f"{role.name}",
-                f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
-                f"{robot.max_speed:g} m/s and {robot.acceleration:g} m/s²",
-            )
+        text = (
+            f"{robot.dynamics}, {robot.command} commands, radius {robot.radius:g} m, at most "
+            f"{robot.max_speed:g} m/s and {robot.acceleration:g} m/s²"
         )
+        rows.append((role.name, text))
     rows += [row for row in _settings("", spec.rules) if row[0] != "task"]
     rows += _settings("obstacles: ", spec.obstacles)
     return "\n## Task\n\n" + table(SETTINGS, rows) + _task_notes(task)
@@ -108,14 +102,8 @@ ROW_OFFSETS = (
 """Where the rows of an episode are."""
 
 
-@dataclass(frozen=True)
-class FieldRow:
-    """One line of a card's table of features."""
-
-    columns: str
-    name: str
-    unit: str
-    meaning: str
+FieldRow = tuple[str, str, str, str]
+"""Columns, name, unit and meaning: a line of a table of features."""
 
 
 def observation_rows(task: Task) -> list[FieldRow]:
@@ -135,7 +123,7 @@ def observation_rows(task: Task) -> list[FieldRow]:
     rows = []
     for name, where in columns.items():
         first = features[where[0]]
-        rows.append(FieldRow(_columns(where), name, UNITS.get(first.kind, ""), first.meaning))
+        rows.append((_columns(where), f"`{name}`", UNITS.get(first.kind, ""), first.meaning))
     return rows
 
 
@@ -148,19 +136,24 @@ def _columns(columns: list[int]) -> str:
 
 def state_rows(task: Task) -> list[FieldRow]:
     """The columns of the state."""
-    columns, n = state_columns(task), task.spec.n_agents
+    columns, first = state_columns(task), N_COLUMNS * task.spec.n_agents
     robots = [
-        FieldRow(f"{N_COLUMNS} i + {k}", f"robot i: {name}", *_described(columns[k]))
-        for k, name in enumerate(ROBOT)
+        (f"{N_COLUMNS} i + {k}", f"`robot i: {name}`", column.unit, column.meaning)
+        for k, (name, column) in enumerate(zip(ROBOT, columns, strict=False))
     ]
     return robots + [
-        FieldRow(str(k), columns[k].name, *_described(columns[k]))
-        for k in range(N_COLUMNS * n, len(columns))
+        (str(k), f"`{column.name}`", column.unit, column.meaning)
+        for k, column in enumerate(columns[first:], start=first)
     ]
 
 
-def _described(column: Column) -> tuple[str, str]:
-    return column.unit, column.meaning
+def arrays_table(manifest: Manifest) -> str:
+    """The stored arrays with their shapes."""
+    rows = [
+        (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
+        for name, entry in sorted(manifest.arrays.items())
+    ]
+    return f"\n## Arrays\n\n{table(('array', 'dtype', 'shape'), rows)}\n{ROW_OFFSETS}\n\n"
 
 
 def arrays_section(task: Task, manifest: Manifest) -> str:
@@ -173,27 +166,19 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
     spec, rows = task.spec, observation_rows(task)
     shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
     _expect("observation features", shapes["observations"][2], len(Observer(task, 1).features))
-    _expect(
-        "state features",
-        shapes["states"][1],
-        state_size(spec.n_agents, len(task.movables), len(task.extras)),
-    )
-    arrays = [
-        (f"`{name}`", entry.dtype, " x ".join(map(str, entry.shape)))
-        for name, entry in sorted(manifest.arrays.items())
-    ]
+    size = state_size(spec.n_agents, len(task.movables), len(task.extras))
+    _expect("state features", shapes["states"][1], size)
+    head = ("column", "name", "unit", "meaning")
     return (
-        "\n## Arrays\n\n"
-        + table(("array", "dtype", "shape"), arrays)
-        + f"\n{ROW_OFFSETS}\n\nActions are commands in [-1, 1], in units of the robot's limit. "
+        arrays_table(manifest) + "Actions are commands in [-1, 1], in units of the robot's limit. "
         "`log_probs` are the log-probabilities of the robots' actions under the policy that chose "
         "them, summed over components: the log-density of the action noise inside (-1, 1), and at "
         "a bound the logarithm of the probability of being clipped to it. They are 0 without "
         "noise.\n"
         + "\n### Observation of one robot\n\n"
-        + _fieldtable(rows)
+        + table(head, rows)
         + "\n### State\n\n"
-        + _fieldtable(state_rows(task))
+        + table(head, state_rows(task))
         + f"\nRobots i = 0, 1, ...: {', '.join(spec.agent_names)}. All vectors are in the world "
         f"frame: {FRAME_MEANINGS['world']}.\n"
     )
@@ -213,11 +198,6 @@ def definitions_section(task: Task) -> str:
 def _expect(what: str, got: int, expected: int) -> None:
     if got != expected:
         raise SchemaError(f"{what}: the arrays have {got}, the description has {expected}")
-
-
-def _fieldtable(rows: Sequence[FieldRow]) -> str:
-    cells = [(row.columns, f"`{row.name}`", row.unit, row.meaning) for row in rows]
-    return table(("column", "name", "unit", "meaning"), cells)
 
 
 SINGLE_ROBOT_NOTE = (

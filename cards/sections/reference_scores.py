@@ -29,11 +29,7 @@ def references_section(
 ) -> str:
     """Returns the section of a dataset, or that nothing was measured.
 
-    Args:
-        known: measured on the dataset's spec.
-        spec: of its task.
-        mean_return: of its episodes.
-        has_task_rewards: whether its rewards are those of the spec; otherwise it has no score.
+    A dataset whose rewards are not those of the spec has no score.
     """
     if known is None:
         return f"{REFERENCES_TITLE}\nNo reference policies were measured for this spec.\n"

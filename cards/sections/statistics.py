@@ -88,12 +88,7 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
 
 
 def statistics_section(data: CardData, picture: str | None) -> str:
-    """All episodes together, with a picture or else a histogram in text.
-
-    Args:
-        data: of the card.
-        picture: file name of the picture that the card shows, if any.
-    """
+    """All episodes together, with a picture, named by its file, or else a histogram in text."""
     table = data.table
     rows = [
         ("success", percent(table.success)),
@@ -104,23 +99,14 @@ def statistics_section(data: CardData, picture: str | None) -> str:
     ]
     for code, reason in enumerate(TASK_END_REASONS):
         rows.append((f"ended by {reason}", percent(table.end_reason == code)))
-    shown = (
-        f"Returns, episode lengths, visited places, commands and four episodes of {data.origin.id}"
-    )
-    return statistics_text(table.team_return, rows, shown, picture)
+    shown = "Returns, episode lengths, visited places, commands and four episodes"
+    return statistics_text(table.team_return, rows, f"{shown} of {data.origin.id}", picture)
 
 
 def statistics_text(
     returns: Double, rows: Sequence[tuple[str, str]], shown: str, picture: str | None
 ) -> str:
-    """The section: returns and other rows, with a picture or else a histogram in text.
-
-    Args:
-        returns: of the episodes.
-        rows: names and values of other quantities.
-        shown: what the picture shows.
-        picture: its file name, if there is one.
-    """
+    """The section: returns and other rows, and a picture of what is `shown` or a histogram."""
     quantiles = np.quantile(returns, [0.0, 0.25, 0.5, 0.75, 1.0])
     returned = [
         ("return, mean", f"{returns.mean():.3f}"),
@@ -132,9 +118,9 @@ def statistics_text(
     return "\n## Statistics\n\n" + markdown.table(PROPERTIES, [*returned, *rows]) + f"\n{text}\n"
 
 
-def histogram(values: Double, bins: int = HISTOGRAM_BINS) -> str:
+def histogram(values: Double) -> str:
     """Returns a histogram as text, one line per bin."""
-    counts, edges = np.histogram(values, bins=bins)
+    counts, edges = np.histogram(values, bins=HISTOGRAM_BINS)
     scale = HISTOGRAM_WIDTH / counts.max()
     lines = [
         f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{HISTOGRAM_WIDTH}} {n}"
@@ -145,7 +131,7 @@ def histogram(values: Double, bins: int = HISTOGRAM_BINS) -> str:
 
 def coverage_section(data: CardData) -> str:
     """How much of the state and action space the data cover."""
-    found = data.measured.coverage
+    found = data.coverage
     return (
         "\n## Coverage\n\n"
         + markdown.table(("quantity", "measured", "reading"), _coverage_rows(found))
@@ -169,60 +155,40 @@ def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
             f"of the {places.n_free:,} free cells of {places.cell:g} m",
         ),
         ("evenness of the visits", f"{places.entropy:.3f}", "1: all free cells equally often"),
-        *_entropy_rows(
-            "state", found.states, ("position and velocity", "overestimated, see below")
-        ),
-        *_entropy_rows("command", found.actions, ("uniform: 1.39", "uniform: 1.39")),
+        *_entropy_rows("state", found.states, "position and velocity", "overestimated, see below"),
+        *_entropy_rows("command", found.actions, "uniform: 1.39", "uniform: 1.39"),
         ("commands at a bound", f"{100 * found.bounds:.1f} %", "share of all components"),
     ]
     if found.dependence is not None:
-        pairs = f"mean over {found.dependence.n_pairs} pairs"
+        pairs, both = f"mean over {found.dependence.n_pairs} pairs", "of two robots' commands"
+        information, correlation = found.dependence.information, found.dependence.correlation
         rows += [
-            (
-                "mutual information of two robots' commands",
-                f"{found.dependence.information:.3f} nats",
-                f"{pairs}; 0: independent",
-            ),
-            (
-                "correlation of two robots' commands",
-                f"{found.dependence.correlation:.3f}",
-                f"{pairs}, absolute value",
-            ),
+            (f"mutual information {both}", f"{information:.3f} nats", f"{pairs}; 0: independent"),
+            (f"correlation {both}", f"{correlation:.3f}", f"{pairs}, absolute value"),
         ]
-    return [
-        *rows,
-        (
-            "distinct joint states and actions",
-            f"{100 * found.distinct:.1f} %",
-            "for comparison with other papers; saturates on continuous data",
-        ),
-    ]
+    reading = "for comparison with other papers; saturates on continuous data"
+    return [*rows, ("distinct joint states and actions", f"{100 * found.distinct:.1f} %", reading)]
 
 
 def _entropy_rows(
-    what: str, found: Entropies | None, reading: tuple[str, str]
+    what: str, found: Entropies | None, one: str, team: str
 ) -> list[tuple[str, str, str]]:
     if found is None:
         return [(f"entropy of a robot's {what}", "unknown", f"needs {MIN_STEPS} joint steps")]
     return [
-        (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", reading[0]),
-        (f"entropy of the team's {what}s", f"{found.team:.2f} nats per robot", reading[1]),
+        (f"entropy of a robot's {what}", f"{found.robot:.2f} nats", one),
+        (f"entropy of the team's {what}s", f"{found.team:.2f} nats per robot", team),
     ]
 
 
 def _passings_table(data: CardData) -> str:
     rows = []
-    for index, counts in data.measured.coverage.passings.items():
+    for index, counts in data.coverage.passings.items():
         if counts.n:
             share = wilson_interval(counts.n_right, counts.n)
-            cells = (f"{100 * value:.0f}" for value in share)
-            rows.append(
-                (
-                    data.origin.policies[index].label,
-                    str(counts.n),
-                    "{} % [{}, {}]".format(*cells),
-                )
-            )
+            value, low, high = (f"{100 * each:.0f}" for each in share)
+            label = data.origin.policies[index].label
+            rows.append((label, str(counts.n), f"{value} % [{low}, {high}]"))
     sampled = f"in the sampled episodes, at most {N_ENCOUNTERS} of each policy"
     if not rows:
         return f"\nNo two robots passed each other head-on {sampled}.\n"
@@ -237,20 +203,14 @@ def _passings_table(data: CardData) -> str:
 
 def log_probs_section(data: CardData) -> str:
     """Log-probabilities of the actions under their policies; empty where they were not recorded."""
-    found = data.measured.log_probs
-    if found is None:
+    if data.log_probs is None:
         return ""
-    rows = [
-        (
-            data.origin.policies[index].label,
-            *(
-                f"{value:.2f}" if np.isfinite(value) else "none"
-                for value in (each.mean, *each.quantiles)
-            ),
-            f"{100 * each.undefined:.1f} %",
-        )
-        for index, each in found.items()
-    ]
+    rows = []
+    for index, each in data.log_probs.items():
+        values = (each.mean, *each.quantiles)
+        shown = (f"{value:.2f}" if np.isfinite(value) else "none" for value in values)
+        label = data.origin.policies[index].label
+        rows.append((label, *shown, f"{100 * each.undefined:.1f} %"))
     return (
         "\n## Log-probabilities of the actions\n\n"
         + markdown.table(("id", "mean", "1 %", "median", "99 %", "undefined"), rows)

@@ -13,48 +13,40 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS,
 
 def algorithm_pages() -> dict[str, str]:
     """A page for each algorithm, offline and online, and their index."""
-    pages = {f"reference/algorithms/{name}.md": offline_page(name) for name in OFFLINE_ALGORITHMS}
-    pages |= {
-        f"reference/algorithms/online-{name}.md": online_page(name) for name in ONLINE_ALGORITHMS
-    }
+    pages = {}
     text = (
         "# Algorithms, one by one\n\nMaths, sources, deviations and settings of each. The guides "
         "to [offline](../../docs/learning.md) and [online learning](../../docs/online-learning.md) "
         "say which to try, [Settings](../../docs/settings.md) where each default comes from.\n"
     )
-    for title, names, prefix, known in (
-        ("Offline", OFFLINE_ALGORITHMS, "", OFFLINE_ALGORITHMS),
-        ("Online", ONLINE_ALGORITHMS, "online-", ONLINE_ALGORITHMS),
+    for title, known, prefix, command in (
+        ("offline", OFFLINE_ALGORITHMS, "", "train {0} coop_nav-medium"),
+        ("online", ONLINE_ALGORITHMS, "online-", "train-online {0} coop_nav"),
     ):
-        rows = [
-            [f"[`{name}`]({prefix}{name}.md)", summary_of(_module(known[name]).__doc__)]
-            for name in names
-        ]
-        text += f"\n## {title}\n\n{table(('algorithm', 'what it does'), rows)}"
+        rows = []
+        for name in known:
+            head = f"    swarmdata {command.format(name)} --out runs/{name}\n"
+            without = _ablation(name) if title == "offline" else ""
+            pages[f"reference/algorithms/{prefix}{name}.md"] = _page(
+                f"`{name}`, {title}", head + without, resolve("algorithm", known, name), known[name]
+            )
+            rows.append(
+                [f"[`{name}`]({prefix}{name}.md)", summary_of(_module(known[name]).__doc__)]
+            )
+        text += f"\n## {title.capitalize()}\n\n{table(('algorithm', 'what it does'), rows)}"
     pages["reference/algorithms/index.md"] = text
     return pages
 
 
-def offline_page(name: str) -> str:
-    """The page of an offline algorithm."""
+def _ablation(name: str) -> str:
     ablation = ABLATIONS.get(name)
-    without = ""
-    if ablation is not None:
-        changed = "".join(f" --set {key}={value}" for key, value in ablation.settings.items())
-        without = (
-            f"\nIts ablation, in studies `{name}-without`, lacks {ablation.ingredient}:\n\n"
-            f"    swarmdata train {ablation.algorithm or name} coop_nav-medium{changed}\n"
-        )
-    head = f"    swarmdata train {name} coop_nav-medium --out runs/{name}\n{without}"
-    return _page(f"`{name}`, offline", head, resolve("algorithm", OFFLINE_ALGORITHMS, name),
-                 OFFLINE_ALGORITHMS[name])  # fmt: skip
-
-
-def online_page(name: str) -> str:
-    """The page of an online algorithm."""
-    head = f"    swarmdata train-online {name} coop_nav --out runs/{name}\n"
-    algorithm = resolve("online algorithm", ONLINE_ALGORITHMS, name)
-    return _page(f"`{name}`, online", head, algorithm, ONLINE_ALGORITHMS[name])
+    if ablation is None:
+        return ""
+    changed = "".join(f" --set {key}={value}" for key, value in ablation.settings.items())
+    return (
+        f"\nIts ablation, in studies `{name}-without`, lacks {ablation.ingredient}:\n\n"
+        f"    swarmdata train {ablation.algorithm or name} coop_nav-medium{changed}\n"
+    )
 
 
 def settings(config: Any, prefix: str = "") -> Iterator[tuple[str, str, str]]:

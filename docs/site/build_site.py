@@ -39,23 +39,15 @@ def generated_pages() -> dict[str, str]:
 
 
 def stage(tree: Path, *, has_catalogue: bool) -> None:
-    """Writes everything that Sphinx reads.
-
-    Args:
-        tree: an empty folder.
-        has_catalogue: whether the site links to a catalogue.
-    """
+    """Writes everything that Sphinx reads into an empty folder."""
     stage_pages(tree, generated_pages())
     add_navigation(tree, has_catalogue=has_catalogue)
 
 
 def build(out: Path, datasets: list[str], *, jobs: int) -> None:
-    """Builds the site.
+    """Builds the site; an earlier one at `out` is replaced once the new one is complete.
 
-    Args:
-        out: its folder; an earlier site there is replaced once the new one is complete.
-        datasets: whose episodes the catalogue shows; none: there is no catalogue.
-        jobs: processes of Sphinx.
+    Without datasets, there is no catalogue.
 
     Raises:
         SystemExit: Sphinx warned, a link leads nowhere, or the folder is no site.
@@ -101,11 +93,6 @@ def broken_links(site: Path) -> Iterator[str]:
                 yield f"{page.relative_to(site)}: {address}"
 
 
-def cached_minis() -> list[str]:
-    """Ids of the minis that are at hand."""
-    return [info.id for info in swarmdata.list_datasets() if info.is_cached and "-mini-" in info.id]
-
-
 def main() -> None:
     """Reads the command line and builds the site."""
     parser = argparse.ArgumentParser(
@@ -118,7 +105,10 @@ def main() -> None:
     )  # fmt: skip
     parser.add_argument("--jobs", type=int, default=2, help="processes of Sphinx")
     arguments = parser.parse_args()
-    chosen = cached_minis() if arguments.catalogue is None else arguments.catalogue
+    chosen = arguments.catalogue
+    if chosen is None:
+        cached = (info.id for info in swarmdata.list_datasets() if info.is_cached)
+        chosen = [each for each in cached if "-mini-" in each]
     build(arguments.out, chosen, jobs=arguments.jobs)
 
 

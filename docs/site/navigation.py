@@ -2,7 +2,7 @@
 
 import posixpath
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 REFERENCE = (
@@ -40,19 +40,15 @@ CATALOGUE = """<a href="catalogue/index.html">The catalogue of this site</a> sho
 
 
 def add_navigation(tree: Path, *, has_catalogue: bool) -> None:
-    """Adds the tables of contents to staged pages.
-
-    Args:
-        tree: staged pages, with `docs/index.md`, whose sections are the parts of the sidebar.
-        has_catalogue: whether the site has a catalogue beside its pages.
-    """
+    """Adds the tables of contents to staged pages, by the sections of `docs/index.md`."""
     overview = tree / "docs/index.md"
     text = overview.read_text(encoding="utf-8")
     contents = ""
     for _, caption, pages in (match.group(0, 1, 2) for match in SECTION.finditer(text)):
         listed_pages = [(title, _from_docs(target)) for title, target in PAGE.findall(pages)]
         generated = REFERENCE if caption == "Reference" else ()
-        contents += toctree([*listed_pages, *generated], caption)
+        entries = (f"{title} <{page}>" for title, page in (*listed_pages, *generated))
+        contents += toctree(entries, f":caption: {caption}\n")
     home = tree / "index.md"
     front = home.read_text(encoding="utf-8")
     if has_catalogue:
@@ -69,21 +65,18 @@ def add_navigation(tree: Path, *, has_catalogue: bool) -> None:
             page.write_text(f"---\n{head}---\n\n{page.read_text(encoding='utf-8')}")
 
 
-def toctree(pages: Sequence[tuple[str, str]], caption: str) -> str:
+def toctree(entries: Iterable[str], options: str = "") -> str:
     """A hidden table of contents, which the sidebar shows."""
-    lines = "".join(f"{title} <{page}>\n" for title, page in pages)
-    return f"\n```{{toctree}}\n:hidden:\n:caption: {caption}\n\n{lines}```\n"
+    lines = "".join(f"{entry}\n" for entry in entries)
+    return f"\n```{{toctree}}\n:hidden:\n{options}\n{lines}```\n"
 
 
 def _list_folder(tree: Path, folder: str) -> set[str]:
     """Lists the pages of a folder below its index, and returns their paths."""
     index = tree / folder / "index.md"
     pages = sorted(page for page in index.parent.glob("*.md") if page != index)
-    lines = "".join(f"{page.stem}\n" for page in pages)
-    index.write_text(
-        f"{index.read_text(encoding='utf-8')}\n```{{toctree}}\n:hidden:\n\n{lines}```\n",
-        encoding="utf-8",
-    )
+    text = index.read_text(encoding="utf-8")
+    index.write_text(text + toctree(page.stem for page in pages), encoding="utf-8")
     return {page.relative_to(tree).as_posix() for page in pages}
 
 

@@ -102,12 +102,7 @@ def models() -> dict[str, type[Frozen]]:
 
 
 def words_of(schema: Mapping[str, Any], known: set[str]) -> str:
-    """A JSON schema in words.
-
-    Args:
-        schema: of one value.
-        known: models that the page has a section of, to link to.
-    """
+    """A JSON schema of one value in words; models that are `known` have a section to link to."""
     if "$ref" in schema:
         name = schema["$ref"].rpartition("/")[2]
         return f"[{name}](#{name.lower()})" if name in known else name
@@ -135,12 +130,12 @@ def _of_type(schema: Mapping[str, Any], known: set[str]) -> str:
     names = {"integer": "integer", "number": "number", "string": "text", "boolean": "true or false"}
     words = names.get(str(kind), "none" if kind == "null" else "any value")
     above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
-    bounds = [f"above {above:g}"] if above is not None else []
-    bounds += [f"below {below:,}"] if below is not None else []
+    bounds = "" if above is None else f", above {above:g}"
+    bounds += "" if below is None else f", below {below:,}"
     most = schema.get("maximum")
     limits = _range(schema.get("minimum"), None if most == NO_LIMIT else most, "")
     form = f", of the form `{schema['pattern']}`" if "pattern" in schema else ""
-    return words + "".join(f", {each}" for each in bounds) + limits + form
+    return words + bounds + limits + form
 
 
 def _range(least: float | None, most: float | None, of: str) -> str:

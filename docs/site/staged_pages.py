@@ -56,11 +56,7 @@ def site_path(path: str) -> str:
 
 
 def stage_pages(out: Path, generated: Mapping[str, str]) -> None:
-    """Writes the tree.
-
-    Args:
-        out: an empty folder.
-        generated: pages that no file of the repository holds, by their path on the site.
+    """Writes the tree into an empty folder, with the generated pages, by their path on the site.
 
     Raises:
         BrokenLinkError: a page links to what is neither in the repository nor generated.
@@ -94,13 +90,8 @@ def stage_pages(out: Path, generated: Mapping[str, str]) -> None:
 def staged_text(path: str, text: str, generated: Mapping[str, str]) -> tuple[str, set[str]]:
     """The text of a page as the site has it, and the files of the repository that it links to.
 
-    Args:
-        path: of the page in the repository.
-        text: of it.
-        generated: pages that may be linked to and are no files.
-
     Raises:
-        BrokenLinkError: a link leads nowhere.
+        BrokenLinkError: a link leads neither to a file nor to a generated page.
     """
     linked: set[str] = set()
 

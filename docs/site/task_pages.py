@@ -11,7 +11,6 @@ from swarmdata.registry.presets import preset, preset_names, preset_summary
 from swarmdata.registry.published import published, references
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.rollouts.metrics import metrics_of
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import (
     action_columns,
     observation_columns,
@@ -96,7 +95,7 @@ One robot's row of `observations` [T+1, N, {len(observed)}], sensed as the prese
 
 A row of `states` [T+1, {len(state_columns(task))}]. Every robot has the columns of the first.
 
-{columns_table(state_columns(task), _other_robots(spec))}
+{columns_table(state_columns(task), tuple(f"{name}." for name in spec.agent_names[1:]))}
 ## Actions
 
 One robot's row of `actions` [T, N, {spec.action_size}].
@@ -160,10 +159,6 @@ def columns_table(columns: Sequence[Column], hidden: tuple[str, ...] = ()) -> st
         if not column.name.startswith(hidden)
     ]
     return table(COLUMN_HEAD, rows)
-
-
-def _other_robots(spec: TaskSpec) -> tuple[str, ...]:
-    return tuple(f"{name}." for name in spec.agent_names[1:])
 
 
 def percent(share: float) -> str:

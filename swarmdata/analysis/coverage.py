@@ -1,8 +1,8 @@
 """Measures how much of its task a dataset covers: places, entropies, dependence, passing sides.
 
-The share of distinct joint states and actions, which is published elsewhere (arXiv 2409.12001),
-saturates at 1 on every continuous dataset. These figures do not. They are estimated from a sample
-of fixed size, so a dataset of a gigabyte takes no longer than a mini.
+The share of distinct joint states and actions, which is published elsewhere (Joint SACo, arXiv
+2409.12001), saturates at 1 on every continuous dataset. The other figures do not. They are
+estimated from a sample of fixed size, so a dataset of a gigabyte takes no longer than a mini.
 """
 
 from dataclasses import dataclass
@@ -12,9 +12,7 @@ import numpy as np
 
 from swarmdata.analysis.entropy import (
     NEIGHBOR_RANK,
-    at_bounds,
     correlation,
-    distinct_share,
     dither,
     knn_entropy,
     mutual_information,
@@ -69,7 +67,7 @@ class Dependence:
     """How much two robots' commands reveal about each other; means over pairs."""
 
     n_pairs: int
-    information: float  # mutual information, nats
+    information: float  # mutual, nats
     correlation: float  # absolute Pearson correlation of like components
 
 
@@ -92,11 +90,7 @@ class Coverage:
 
 
 def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
-    """Measures how much a dataset covers.
-
-    Args:
-        stored: the open dataset.
-        selection: stored episodes to use, all by default, [n].
+    """Measures how much a dataset covers, or a selection of its stored episodes, [n].
 
     Raises:
         SchemaError: no episode is selected.
@@ -112,16 +106,15 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
     commands = take_rows(stored.arrays["actions"], steps)[..., :_N_DRIVING]
     places, n_states = places_of(stored, chosen)
     policies = table.policy[chosen]
+    joint = np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
     return Coverage(
         n_steps=len(steps),
         places=places,
         n_states=n_states,
         states=_entropies(moves.astype(np.float64), SAMPLING_SEED),
         actions=_entropies(commands.astype(np.float64), SAMPLING_SEED + 1, _COMMAND_BOUNDS),
-        bounds=float(at_bounds(commands).mean()),
-        distinct=distinct_share(
-            np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
-        ),
+        bounds=float((np.abs(commands) >= 1.0).mean()),
+        distinct=len(np.unique(joint, axis=0)) / len(steps),
         dependence=dependence(commands.astype(np.float64)),
         passings={
             policy: passings_of(stored, spread(chosen[policies == policy], N_ENCOUNTERS), spec)

@@ -9,7 +9,7 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.kernels import kernel
-from swarmdata.types import Bool, Double, Int
+from swarmdata.types import Double, Int
 
 NEIGHBOR_RANK = 4
 """Rank of the nearest neighbor that is used. Kraskov et al. 2004 (section III.A) recommend 2 to 4:
@@ -156,10 +156,8 @@ def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
         k: rank of the neighbor.
 
     Raises:
-        SchemaError: as in `knn_entropy`, or x and y have different lengths.
+        SchemaError: as in `knn_entropy`.
     """
-    if len(x) != len(y):
-        raise SchemaError(f"x has {len(x)} rows and y has {len(y)}, expected pairs of rows.")
     a, b = _standardized(x, k)[0], _standardized(y, k)[0]
     distances = _kth_distances(np.concatenate([a, b], axis=1), k)
     if (distances == 0.0).any():
@@ -181,12 +179,7 @@ def correlation(x: Double, y: Double) -> float:
     Args:
         x: draws, [n, d].
         y: drawn jointly with x, [n, d].
-
-    Raises:
-        SchemaError: x and y have different shapes.
     """
-    if x.shape != y.shape or x.ndim != 2:
-        raise SchemaError(f"x is {list(x.shape)} and y {list(y.shape)}, expected the same [n, d].")
     a, b = x - x.mean(axis=0), y - y.mean(axis=0)
     scale = np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
     products = np.abs((a * b).sum(axis=0))
@@ -205,14 +198,9 @@ def dither(points: Double, resolution: float, seed: int) -> Double:
 
     Args:
         points: values, any shape.
-        resolution: width of the uniform noise, in the values' unit.
+        resolution: width of the uniform noise, above 0, in the values' unit.
         seed: seed of the noise.
-
-    Raises:
-        SchemaError: the resolution is not positive.
     """
-    if not resolution > 0.0:
-        raise SchemaError(f"resolution is {resolution:g}, expected a positive width.")
     noise = uniform(derive(seed, np.arange(points.size))).reshape(points.shape) - 0.5
     return points + resolution * noise
 
@@ -222,21 +210,6 @@ def digamma(n: int) -> Double:
     steps = np.concatenate([[np.nan, -EULER_GAMMA], 1.0 / np.arange(1, n)])
     steps[1:] = np.cumsum(steps[1:])
     return steps
-
-
-def distinct_share(rows: Double) -> float:
-    """Returns the share of distinct rows; 1 if no row repeats.
-
-    Of joint states and actions, this is the coverage that is published for other multi-agent
-    datasets (Joint SACo, arXiv 2409.12001). On continuous data it is nearly always 1; it is
-    reported for comparison only.
-    """
-    return len(np.unique(rows, axis=0)) / len(rows)
-
-
-def at_bounds(actions: Double, bound: float = 1.0) -> Bool:
-    """Returns whether each component of a command is at its bound; same shape."""
-    return np.asarray(np.abs(actions) >= bound)
 
 
 def _standardized(points: Double, k: int) -> tuple[Double, Double]:

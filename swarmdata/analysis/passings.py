@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from swarmdata.errors import SchemaError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -35,38 +34,28 @@ class Passings(NamedTuple):
         return self.n_right + self.n_left
 
 
-def passings(
-    states: Float,
-    spec: TaskSpec,
-    *,
-    near: float = PASSING_DISTANCE,
-    reach: float = ENCOUNTER_DISTANCE,
-) -> Passings:
+def passings(states: Float, spec: TaskSpec) -> Passings:
     """Counts the sides on which pairs of robots passed each other in one episode.
 
-    An encounter of two robots is a stretch of time in which they are closer than `reach`. It is
-    head on if they were farther apart before and, in its first state, both move towards each other
-    with roughly opposite velocities. It is a passing if they come closer than `near` and, in its
-    last state, each has the other behind it, along the relative velocity of the first state. The
-    side is that of the other robot at the closest approach. Encounters that the end of the episode
-    cuts count too if the robots have passed each other by then.
+    An encounter of two robots is a stretch of time in which they are closer than
+    `ENCOUNTER_DISTANCE`. It is head on if they were farther apart before and, in its first state,
+    both move towards each other with roughly opposite velocities. It is a passing if they come
+    closer than `PASSING_DISTANCE` and, in its last state, each has the other behind it, along the
+    relative velocity of the first state. The side is that of the other robot at the closest
+    approach. Encounters that the end of the episode cuts count too if the robots have passed each
+    other by then.
 
     Args:
         states: of one episode, [T+1, S].
         spec: the task.
-        near: distance between centres, m.
-        reach: distance between centres, m; more than `near`.
-
-    Raises:
-        SchemaError: not 0 < near < reach.
     """
-    if not 0.0 < near < reach:
-        raise SchemaError(f"near is {near:g} m and reach {reach:g} m, expected 0 < near < reach.")
     robots = robots_of(states, spec.n_agents).astype("float64")
     n_right, n_left = 0, 0
     for i in range(spec.n_agents):
         for j in range(i):
-            right, left = _passings(robots[:, i], robots[:, j], near, reach)
+            right, left = _passings(
+                robots[:, i], robots[:, j], PASSING_DISTANCE, ENCOUNTER_DISTANCE
+            )
             n_right, n_left = n_right + right, n_left + left
     return Passings(n_right, n_left)
 

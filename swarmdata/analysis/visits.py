@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import clearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import X, Y, robots_of
@@ -65,19 +64,11 @@ def occupancy(states: Float, layouts: Float, spec: TaskSpec, cell: float = CELL_
     of 4 x 4 points in it is at least the smallest robot's radius away from walls and obstacles.
 
     Args:
-        states: any states of the task, [n, S].
+        states: at least one state of the task, [n, S].
         layouts: obstacles of the episodes, [E, M, 8]; M may be 0, E may not.
         spec: the task.
         cell: side of a cell, m; if the arena is no multiple of it, the last row and column are cut.
-
-    Raises:
-        SchemaError: there are no states or no layouts, or `cell` is not positive.
     """
-    if not len(states) or not len(layouts) or not cell > 0.0:
-        raise SchemaError(
-            f"got {len(states)} states, {len(layouts)} layouts and cells of {cell:g} m, expected "
-            "at least one state and one layout, and a positive side."
-        )
     half = np.array(spec.half_size)
     shape = tuple(max(1, math.ceil(round(2 * side / cell, 9))) for side in half[::-1])
     places = robots_of(states, spec.n_agents)[..., [X, Y]].reshape(-1, 2)

@@ -20,8 +20,7 @@ from swarmdata.catalogue.pages.index_page import index_page
 from swarmdata.catalogue.pages.measured_page import measured_page
 from swarmdata.catalogue.pages.page_frame import Page, render
 from swarmdata.catalogue.pages.results_page import results_page
-from swarmdata.catalogue.replays.data_files import write_data
-from swarmdata.catalogue.replays.episode_choice import choose_episodes
+from swarmdata.catalogue.replays.data_files import choose_episodes, write_data
 from swarmdata.catalogue.replays.measured_files import play_again, write_measured
 from swarmdata.catalogue.result_sources import (
     Outcome,
@@ -34,12 +33,12 @@ from swarmdata.catalogue.result_sources import (
     with_differences,
     with_keys,
 )
-from swarmdata.catalogue.site_folder import CATALOGUE, copy_assets, replaced_site
+from swarmdata.catalogue.site_folder import CATALOGUE
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.runtime.batches import Failures
-from swarmdata.runtime.output_folder import check_output
+from swarmdata.runtime.output_folder import check_output, filled
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import (
     Source,
@@ -56,26 +55,17 @@ DEFAULT_EPISODES = 1000
 
 @dataclass(frozen=True)
 class CatalogueChoices:
-    """What a catalogue shows.
+    """What a catalogue shows."""
 
-    Attributes:
-        episodes: most episodes of each dataset; None: all.
-        results: folders and files with results of one's own.
-        entries: folder with entries of a leaderboard, which are verified; None: there is none.
-        observation: observation model through which replays are shown; None: the recorded one.
-        communication: communication model, likewise.
-        workers: processes that build datasets.
-        published: whether published datasets whose episodes are not shown have pages too, and all
-            committed results; if not, there are only the datasets that are named and their results.
-    """
-
-    episodes: int | None = DEFAULT_EPISODES
-    results: tuple[Path, ...] = ()
-    entries: Path | None = None
-    observation: Source | None = None
-    communication: Source | None = None
-    workers: int | None = None
+    episodes: int | None = DEFAULT_EPISODES  # most of each dataset; None: all
+    results: tuple[Path, ...] = ()  # folders and files with results of one's own
+    entries: Path | None = None  # folder with entries of a leaderboard, which are verified
+    observation: Source | None = None  # model through which replays are shown, not the recorded one
+    communication: Source | None = None  # likewise
+    workers: int | None = None  # processes that build datasets
     published: bool = True
+    """Whether published datasets whose episodes are not shown have pages too, and all committed
+    results; if not, there are only the datasets that are named and their results."""
 
 
 def build_catalogue(
@@ -122,14 +112,15 @@ def build_catalogue(
             "only a clone of the repository has, in cards/studies"
         )
     sources = with_keys([*committed, *own, *verified])
-    with replaced_site(out) as site:
+    with filled(out, CATALOGUE, whole=True) as site:
         with as_file(files("swarmdata.catalogue").joinpath("assets")) as assets:
-            copy_assets(assets, site)
+            shutil.copytree(assets, site / "assets")
         shown = _write_episodes(site, entries, choices, failures)
         known = frozenset(each.entry.id for each in shown)
         sources = _write_results(site, sources, known, failures)
         found = boards(sources)
-        shown = [each for each in shown if _write_page(site, each, shown, found, failures)]
+        entries = [each.entry for each in shown]
+        shown = [each for each in shown if _write_page(site, each, entries, found, failures)]
         pictures = {each.entry.id: each.picture for each in shown}
         _write(site, index_page([each.entry for each in shown], pictures))
         _write(site, results_page(found, sources, known))
@@ -179,11 +170,12 @@ def _write_episodes(
     site: Path, entries: Sequence[Entry], choices: CatalogueChoices, failures: Failures
 ) -> list[_Shown]:
     """Draws each dataset and writes its data files; those that fail are left out."""
-    drawings, found = _Drawings(), []
+    drawn: Counter[str] = Counter()  # starts, by hash of the spec
+    found = []
     for entry in entries:
-        folder, n_shown, began = site / "data" / entry.key, 0, perf_counter()
+        folder, n_shown, began = site / "data" / entry.id, 0, perf_counter()
         with failures.item(entry.id):
-            spec, picture = _shown_spec(entry, choices), drawings.draw(entry)
+            spec, picture = _shown_spec(entry, choices), _draw(entry, drawn)
             if entry.dataset is not None:
                 episodes = choose_episodes(entry.dataset.episodes, choices.episodes)
                 n_shown = len(episodes)
@@ -199,13 +191,12 @@ def _write_episodes(
 def _write_page(
     site: Path,
     one: _Shown,
-    shown: Sequence[_Shown],
+    entries: Sequence[Entry],
     results: Sequence[Board],
     failures: Failures,
 ) -> bool:
     """Writes the page of a dataset, and says whether that went well."""
     with failures.item(one.entry.id):
-        entries = [each.entry for each in shown]
         page = dataset_page(one.entry, one.spec, one.n_episodes, one.picture, entries, results)
         _write(site, page)
         return True
@@ -229,53 +220,32 @@ def _write_results(
     site: Path, sources: Sequence[ResultSource], known: frozenset[str], failures: Failures
 ) -> list[ResultSource]:
     """Writes a page with the runs and episodes of each outcome; one that fails has none."""
-    return [
-        replace(
-            source,
-            outcomes=tuple(
-                _with_page(site, source, each, known, failures) for each in source.outcomes
-            ),
-        )
-        for source in sources
-    ]
+
+    def written(source: ResultSource, outcome: Outcome) -> Outcome:
+        if not outcome.key:
+            return outcome
+        with failures.item(f"{outcome.label} on {outcome.dataset} of {source.place}"):
+            played = play_again(outcome.results, failures.tell)
+            write_measured(outcome.results, played, site / "data" / outcome.key)
+            _write(site, measured_page(source, outcome, len(played), known))
+            return outcome
+        shutil.rmtree(site / "data" / outcome.key, ignore_errors=True)
+        return replace(outcome, key="")
+
+    return [each.with_outcomes(written) for each in sources]
 
 
-def _with_page(
-    site: Path,
-    source: ResultSource,
-    outcome: Outcome,
-    known: frozenset[str],
-    failures: Failures,
-) -> Outcome:
-    if not outcome.key:
-        return outcome
-    with failures.item(f"{outcome.label} on {outcome.dataset} of {source.place}"):
-        played = play_again(outcome.results, failures.tell)
-        write_measured(outcome.results, played, site / "data" / outcome.key)
-        _write(site, measured_page(source, outcome, len(played), known))
-        return outcome
-    shutil.rmtree(site / "data" / outcome.key, ignore_errors=True)
-    return replace(outcome, key="")
-
-
-class _Drawings:
-    """Draws datasets: the episode of median return, or the start of a world without episodes."""
-
-    def __init__(self) -> None:
-        self._drawn: Counter[str] = Counter()  # starts, by hash of the spec
-
-    def draw(self, entry: Entry) -> Html:
-        spec = entry.spec.world
-        if entry.dataset is not None:
-            return _draw_median(entry.dataset)
-        if spec is None:
-            return Html("")
-        self._drawn[spec.hash()] += 1
-        number = self._drawn[spec.hash()]
-        start = make_env(spec).reset(evaluation_seeds(number)[-1:])
-        return episode_drawing(
-            spec, start.layouts[0], start.states, f"The start of an episode of {spec.task}"
-        )
+def _draw(entry: Entry, drawn: Counter[str]) -> Html:
+    """The episode of median return, or the next start of a world without episodes."""
+    spec = entry.spec.world
+    if entry.dataset is not None:
+        return _draw_median(entry.dataset)
+    if spec is None:
+        return Html("")
+    drawn[spec.hash()] += 1
+    start = make_env(spec).reset(evaluation_seeds(drawn[spec.hash()])[-1:])
+    label = f"The start of an episode of {spec.task}"
+    return episode_drawing(spec, start.layouts[0], start.states, label)
 
 
 def _draw_median(dataset: Dataset) -> Html:

@@ -38,6 +38,12 @@ def join(*content: object) -> Html:
     )
 
 
+def section(title: str, key: str, *content: object, **attributes: object) -> Html:
+    """Returns a section whose heading, with the id `key`, names it."""
+    heading = element("h2", title, id=key)
+    return element("section", heading, *content, **attributes, aria_labelledby=key)
+
+
 def table(head: tuple[str, ...], rows: list[tuple[object, ...]], **attributes: object) -> Html:
     """Returns a table whose first column names the rows."""
     header = element("tr", *(element("th", name, scope="col") for name in head))

@@ -8,7 +8,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
-from pathlib import Path
 from typing import Literal
 
 from swarmdata.datasets.dataset import Dataset
@@ -44,7 +43,7 @@ _COLLISIONS = tuple(
 class Entry:
     """One dataset of the catalogue; figures that are not known are None."""
 
-    id: str
+    id: str  # also the name of its page and of its data folder
     tier: str
     spec: Spec
     kind: Kind
@@ -63,14 +62,9 @@ class Entry:
     dataset: Dataset | None  # None: its episodes are not shown
 
     @property
-    def key(self) -> str:
-        """Name of its page and of its data folder."""
-        return self.id
-
-    @property
     def is_mini(self) -> bool:
         """Whether it is called a mini, a small part of another; small ones of users are not."""
-        return is_mini_id(self.id)
+        return _is_mini(self.id)
 
     @property
     def full_id(self) -> str:
@@ -130,8 +124,9 @@ def find_entries(
         SpecError: two of the names are different datasets with the same id.
     """
     opened = []
-    for name in names or _cached():
-        with failures.item(str(name)):
+    cached = (cache_folder() / "datasets").glob("*/manifest.json")
+    for name in names or [str(file.parent) for file in sorted(cached)]:
+        with failures.item(name):
             opened.append(load(name, workers=workers))
     found: dict[str, Entry] = {}
     for dataset in opened:
@@ -148,30 +143,31 @@ def find_entries(
     return [found[key] for key in sorted(found)]
 
 
-def is_mini_id(dataset_id: str) -> bool:
-    """Whether a dataset is called a mini, a small part of another; small ones of users are not."""
+def _is_mini(dataset_id: str) -> bool:
     return without_version(dataset_id).endswith("-mini")
 
 
 def published_minis() -> list[str]:
     """Ids of all published datasets that are minis."""
-    return [info.id for info in list_datasets() if is_mini_id(info.id)]
-
-
-def _cached() -> list[Path]:
-    """The folders of the finished datasets in the cache."""
-    return sorted(file.parent for file in (cache_folder() / "datasets").glob("*/manifest.json"))
+    return [info.id for info in list_datasets() if _is_mini(info.id)]
 
 
 def _of_dataset(dataset: Dataset) -> Entry:
     manifest, spec = dataset.stored.manifest, dataset.recipe.spec
     figures = figures_of(dataset.episodes)
-    references = dataset.references
+    references, table, is_world = dataset.references, dataset.episodes, spec.world is not None
     score = None
     if references is not None:
         score = float(normalized_score(figures.mean_return, references))
-    table = dataset.episodes
-    tells_success = spec.world is not None or figures.success > 0
+    collisions = None
+    if is_world:
+        counts = table.robot_collisions, table.obstacle_collisions
+        collisions = float(counts[0].mean()), float(counts[1].mean())
+    try:
+        card = dataset.card
+    except MissingFileError:
+        card = None  # the page says that there is none
+    tells_success = is_world or figures.success > 0
     return Entry(
         id=dataset.id,
         tier=dataset.recipe.tier,
@@ -182,15 +178,13 @@ def _of_dataset(dataset: Dataset) -> Entry:
         n_bytes=sum(file.size for file in manifest.files.values()),
         mean_return=figures.mean_return,
         success=figures.success if tells_success else None,
-        clean_success=figures.clean_success if spec.world is not None else None,
+        clean_success=figures.clean_success if is_world else None,
         score=score,
-        collisions=None
-        if spec.world is None
-        else (float(table.robot_collisions.mean()), float(table.obstacle_collisions.mean())),
+        collisions=collisions,
         policies=tuple(policy.label for policy in dataset.recipe.policies),
         license=license_of(dataset.recipe),
         digest=dataset.digest,
-        card=_card_of(dataset),
+        card=card,
         dataset=dataset,
     )
 
@@ -200,13 +194,6 @@ def _kind_of(dataset: Dataset) -> Kind:
         return "robot logs"
     is_ours = dataset.recipe.spec.world is not None and dataset.recipe.kind != "recording"
     return "simulated" if is_ours else "other environment"
-
-
-def _card_of(dataset: Dataset) -> str | None:
-    try:
-        return dataset.card
-    except MissingFileError:
-        return None  # the page says that there is none
 
 
 def _of_published(dataset_id: str, n_steps: int, score: float | None) -> Entry:

@@ -6,16 +6,23 @@ seeds chose settings, so their scores are no results and are left out.
 """
 
 import csv
+import io
 import math
 import re
 import tempfile
-from collections.abc import Container, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.resources import as_file, files
 from pathlib import Path
 from typing import NamedTuple
 
-from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE, committed_studies
+from swarmdata.cards.committed_studies import (
+    ESTIMATES_FILE,
+    PLAN_FILE,
+    CommittedStudy,
+    committed_studies,
+    read_study,
+)
 from swarmdata.catalogue.drawings.charts import Line
 from swarmdata.drawing.style import FAMILY_OF, family_name
 from swarmdata.errors import DatasetNotFoundError, SchemaError
@@ -30,7 +37,6 @@ from swarmdata.numerics.random import VALIDATION_BASE
 from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.batches import Failures
-from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
@@ -77,37 +83,30 @@ class LineSet:
 
 @dataclass(frozen=True)
 class ResultSource:
-    """The results of one source.
-
-    Attributes:
-        title: of the source.
-        place: where it comes from: the name of its folder, or its path in this repository.
-        outcomes: by dataset and label.
-        data: mean score of each dataset's own episodes, where it is known.
-        charts: learning curves and sweeps.
-        is_own: whether it is no study of this installation.
-        is_verified: whether it is an entry of a leaderboard that was verified.
-    """
+    """The results of one source."""
 
     title: str
-    place: str
-    outcomes: tuple[Outcome, ...]
-    data: Mapping[str, float]
-    charts: tuple[LineSet, ...] = ()
-    is_own: bool = False
-    is_verified: bool = False
+    place: str  # where it comes from: the name of its folder, or its path in this repository
+    outcomes: tuple[Outcome, ...]  # by dataset and label
+    data: Mapping[str, float]  # mean score of each dataset's own episodes, where it is known
+    charts: tuple[LineSet, ...] = ()  # learning curves and sweeps
+    is_own: bool = False  # it is no study of this installation
+    is_verified: bool = False  # it is an entry of a leaderboard that was verified
+
+    def with_outcomes(self, change: Callable[["ResultSource", Outcome], Outcome]) -> "ResultSource":
+        """Returns the source with each outcome changed."""
+        return replace(self, outcomes=tuple(change(self, each) for each in self.outcomes))
 
 
 def committed_sources(shown: Container[str] | None = None) -> list[ResultSource]:
     """The studies that are part of this installation.
 
-    Args:
-        shown: ids of the datasets on which episodes of results are shown, which takes a second or
-            more for each study that has some; None: on all.
+    Results have their episodes where they are on the datasets `shown`, or on any if it is None,
+    which takes a second or more for each study that has some.
     """
     with as_file(files("swarmdata.cards").joinpath("studies")) as folder:
         return [
-            _of_study(folder / study.name, f"cards/studies/{study.name}", shown)
+            _of_study(study, folder / study.name, f"cards/studies/{study.name}", shown)
             for study in committed_studies()
             if not study.chose_settings
         ]
@@ -124,10 +123,7 @@ def results_on(
 ) -> list[ResultSource]:
     """Returns the results on some datasets, by their ids, without sources that have none.
 
-    Args:
-        sources: to choose from.
-        datasets: whose results are shown.
-        beside: those whose results are shown without pages of their episodes.
+    Results on the datasets `beside` them have no pages of their episodes.
     """
     found = []
     for source in sources:
@@ -143,25 +139,16 @@ def results_on(
 
 
 def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:
-    """Reads results of one's own.
-
-    Args:
-        places: folders of studies, folders that `swarmdata evaluate --out` wrote, or result files.
-        failures: of the batch; gets places without results, and those that cannot be read.
-    """
+    """Reads studies, folders of `swarmdata evaluate --out` and result files; some may fail."""
     found = []
     for place in places:
         with failures.item(str(place)):
-            found.append(replace(_of_place(Path(place)), is_own=True))
+            found.append(replace(_of_place(place), is_own=True))
     return found
 
 
 def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
-    """Verifies the entries of a leaderboard, and reads the results of those that pass.
-
-    Args:
-        folder: with a folder for each entry.
-        failures: of the batch; gets those that are rejected, with the reasons.
+    """Verifies the entries in the folders of a folder, and reads the results of those that pass.
 
     Raises:
         DatasetNotFoundError: it has no entries.
@@ -191,12 +178,7 @@ def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
 def with_differences(
     entries: Sequence[ResultSource], committed: Sequence[ResultSource]
 ) -> list[ResultSource]:
-    """Compares entries with the best run of the zoo on their datasets.
-
-    Args:
-        entries: those that were verified.
-        committed: the committed studies; one has the episodes of the zoo's runs.
-    """
+    """Compares verified entries with the zoo's best runs, whose episodes committed studies have."""
     best: dict[str, tuple[str, Outcome]] = {}
     datasets = {outcome.dataset for source in entries for outcome in source.outcomes}
     for run, outcome in _zoo_outcomes(committed, datasets):
@@ -204,14 +186,14 @@ def with_differences(
         if known is None or _scores(outcome).mean() > _scores(known[1]).mean():
             best[outcome.dataset] = run, outcome
 
-    def compared(entry: Outcome) -> Outcome:
+    def compared(_: ResultSource, entry: Outcome) -> Outcome:
         if entry.dataset not in best:
             return entry
         run, other = best[entry.dataset]
         found = difference_interval(_scores(entry), _scores(other))
         return replace(entry, difference=ZooDifference(run, found))
 
-    return [replace(source, outcomes=tuple(map(compared, source.outcomes))) for source in entries]
+    return [source.with_outcomes(compared) for source in entries]
 
 
 def _zoo_outcomes(
@@ -237,7 +219,7 @@ def _scores(outcome: Outcome) -> Double:
 
 def _of_place(place: Path) -> ResultSource:
     if (place / ESTIMATES_FILE).is_file():
-        return _of_study(place, place.resolve().name)
+        return _of_study(read_study(place), place, place.resolve().name)
     if not place.exists():
         raise DatasetNotFoundError(
             f"there are no results at {place}. Name the folder of a study, one that `swarmdata "
@@ -265,37 +247,26 @@ def _of_place(place: Path) -> ResultSource:
     return ResultSource(title, name, tuple(outcomes), data)
 
 
-def _is_shown(folder: Path) -> bool:
-    """Whether a study was measured on evaluation seeds."""
-    return bool(_plan(folder).get("block") != "validation")
-
-
-def _plan(folder: Path) -> dict[str, object]:
-    file = folder / "study.yaml"
-    plan = read_document(file) if file.is_file() else {}
-    return plan if isinstance(plan, dict) else {}
-
-
-def _of_study(folder: Path, place: str, shown: Container[str] | None = None) -> ResultSource:
+def _of_study(
+    study: CommittedStudy, folder: Path, place: str, shown: Container[str] | None = None
+) -> ResultSource:
     groups: dict[tuple[str, str], list[Mapping[str, str]]] = {}
-    for row in _read(
-        folder / ESTIMATES_FILE, ("label", "dataset", "quantity", "mean", "low", "high")
-    ):
+    for row in study.estimates:
         groups.setdefault((row["dataset"], row["label"]), []).append(row)
     has_shown = shown is None or any(name.partition("@")[0] in shown for name, _ in groups)
     results = _results_of_study(folder) if has_shown else {}
     outcomes = tuple(
-        replace(_outcome(rows, folder / ESTIMATES_FILE), results=results.get(name, ()))
+        replace(_outcome(rows), results=results.get(name, ()))
         for name, rows in groups.items()
         if rows[0]["dataset"]
     )
     data = {
         row["dataset"]: _number(row["score"], folder / "data.csv")
-        for row in _read_if_there(folder / "data.csv", ("dataset", "score"))
+        for row in _read(folder / "data.csv", ("dataset", "score"))
         if row["score"]
     }
-    title = str(_plan(folder).get("title") or folder.resolve().name)
-    if not _is_shown(folder) and "validation" not in title:
+    title = str(study.plan.get("title") or Path(place).name)
+    if study.chose_settings and "validation" not in title:
         title = f"{title}{VALIDATED}"
     charts = (*_curves(folder), *_sweeps(folder))
     return ResultSource(title, place, outcomes, data, charts)
@@ -329,26 +300,22 @@ def with_keys(sources: Sequence[ResultSource]) -> list[ResultSource]:
         taken.add(key)
         return replace(outcome, key=key) if outcome.results else outcome
 
-    return [
-        replace(source, outcomes=tuple(named(source, each) for each in source.outcomes))
-        for source in sources
-    ]
+    return [source.with_outcomes(named) for source in sources]
 
 
-def _outcome(rows: Rows, file: Path) -> Outcome:
-    first = rows[0]
-    found = {
-        row["quantity"]: Estimate(*(_number(row[key], file) for key in ("mean", "low", "high")))
-        for row in rows
-    }
+def _outcome(rows: Rows) -> Outcome:
+    first, ends = rows[0], ("mean", "low", "high")
     return Outcome(
         label=first["label"],
         family=FAMILY_OF.get(first["label"], family_name(first.get("family", ""))),
         dataset=first["dataset"],
-        estimates=found,
-        n_runs=int(first.get("seeds") or 0),
-        updates=first.get("updates", ""),
-        rewards=first.get("rewards", ""),
+        estimates={
+            row["quantity"]: Estimate(*(float(row[end] or math.nan) for end in ends))
+            for row in rows
+        },
+        n_runs=int(first["seeds"]),
+        updates=first["updates"],
+        rewards=first["rewards"],
         runs=(),
     )
 
@@ -357,19 +324,15 @@ def _curves(folder: Path) -> list[LineSet]:
     """A chart of success for each dataset of a study that measured learning curves."""
     file = folder / "curves.csv"
     lines: dict[str, dict[str, dict[float, Estimate]]] = {}
-    for row in _read_if_there(file, ("cell", "metric", "update", "mean", "low", "high")):
+    for row in _read(file, ("cell", "metric", "update", "mean", "low", "high")):
         if row["metric"] == "success":
             label, _, dataset = row["cell"].partition("/")
             update, *found = (_number(row[key], file) for key in ("update", "mean", "low", "high"))
             line = lines.setdefault(dataset, {}).setdefault(label, {})
             line[update] = Estimate(*(100 * value for value in found))
+    y_name = "success (%), range over seeds"
     return [
-        LineSet(
-            f"Learning curves, {dataset}".removesuffix(", "),
-            "updates",
-            "success (%), range over seeds",
-            found,
-        )
+        LineSet(f"Learning curves, {dataset}".removesuffix(", "), "updates", y_name, found)
         for dataset, found in lines.items()
     ]
 
@@ -393,25 +356,21 @@ def _sweeps(folder: Path) -> list[LineSet]:
     return charts
 
 
-def _read_if_there(file: Path, names: Sequence[str]) -> Rows:
-    return _read(file, names) if file.is_file() and file.read_text("utf-8").strip() else ()
-
-
 def _read(file: Path, names: Sequence[str]) -> Rows:
-    """Rows of a CSV file.
+    """Rows of a CSV file; none where it is absent or empty.
 
     Raises:
         SchemaError: it lacks one of the columns `names`.
     """
-    with file.open(encoding="utf-8", newline="") as stream:
-        reader = csv.DictReader(stream)
-        missing = [name for name in names if name not in (reader.fieldnames or ())]
-        if missing:
-            raise SchemaError(
-                f"{file} has no column {', '.join(missing)}, got {reader.fieldnames}. Expected a "
-                "file that `swarmdata study` or `swarmdata sweep` wrote."
-            )
-        return list(reader)
+    text = file.read_text(encoding="utf-8") if file.is_file() else ""
+    reader = csv.DictReader(io.StringIO(text))
+    missing = [name for name in names if name not in (reader.fieldnames or ())]
+    if missing and text.strip():
+        raise SchemaError(
+            f"{file} has no column {', '.join(missing)}, got {reader.fieldnames}. Expected a "
+            "file that `swarmdata study` or `swarmdata sweep` wrote."
+        )
+    return list(reader)
 
 
 def _number(text: str, file: Path) -> float:

@@ -1,5 +1,6 @@
 """`swarmdata catalogue`: static pages on which datasets, episodes and results are looked at."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -79,11 +80,8 @@ def build_command(
         published=not datasets,
     )
     names = published_minis() if minis else datasets or ()
-    typer.echo(build_catalogue(names, out, choices, note=_note))
-
-
-def _note(text: str) -> None:
-    typer.echo(text, err=True)
+    note = partial(typer.echo, err=True)
+    typer.echo(build_catalogue(names, out, choices, note=note))
 
 
 @catalogue_app.command("open")

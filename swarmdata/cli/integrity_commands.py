@@ -112,19 +112,12 @@ def audit(
 def _folder(dataset: str) -> Path:
     """Returns the path, or the folder of an id in the cache; builds and fetches nothing."""
     from swarmdata.errors import DatasetNotFoundError
-    from swarmdata.hub.catalog.catalog import dataset_folder
-    from swarmdata.hub.remotes.outside_names import is_folder
-    from swarmdata.registry.recipes import find_recipe
-    from swarmdata.store.cache import cache_folder
+    from swarmdata.hub.catalog.catalog import find_folder
 
-    for path in (Path(dataset), cache_folder() / "datasets" / dataset):
-        if is_folder(path):
-            return path
-    recipe = find_recipe(dataset)
-    folder = dataset_folder(recipe)
+    folder = find_folder(dataset)
     if not folder.is_dir():
         raise DatasetNotFoundError(
-            f"{recipe.id} is not in the cache, expected at {folder}. "
-            f"Get it with: swarmdata generate {recipe.id}"
+            f"{folder.name} is not in the cache, expected at {folder}. "
+            f"Get it with: swarmdata generate {folder.name}"
         )
     return folder

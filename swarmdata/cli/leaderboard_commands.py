@@ -11,8 +11,6 @@ leaderboard_app = typer.Typer(
     no_args_is_help=True, help="Make and verify entries of a leaderboard."
 )
 
-Entry = Annotated[Path, typer.Argument(metavar="ENTRY", help="folder of the entry")]
-
 
 @leaderboard_app.command("submit")
 def submit_command(
@@ -43,7 +41,7 @@ def submit_command(
 
 @leaderboard_app.command("verify")
 def verify_command(
-    entry: Entry,
+    entry: Annotated[Path, typer.Argument(metavar="ENTRY", help="folder of the entry")],
     seconds: Annotated[float, typer.Option(min=1, help="most time")] = 600,
     threads: Threads = 1,
 ) -> None:

@@ -170,13 +170,7 @@ def main() -> None:
         raise SystemExit(1) from None
 
 
-def _format_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    line: str | None = None,
-) -> str:
+def _format_warning(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> str:
     """A warning without the line of code that raised it, which says nothing to users."""
     return f"{category.__name__}: {printable(str(message))}\n"
 
@@ -346,6 +340,7 @@ def references(
     Their results are the scale of the score; the package has them in cards/references.json.
     """
     from swarmdata.evaluation.results.target_evaluation import measure_references
+    from swarmdata.hub.publishing.regenerate import put_entries
     from swarmdata.runtime.batches import Failures
 
     failures = Failures(len(tasks))
@@ -353,18 +348,12 @@ def references(
         with failures.item(task):
             table = measure_references(task, episodes, backend=backend)
             name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
-            _put_or_print(out, {name: table.model_dump(mode="json")})
+            entries = {name: table.model_dump(mode="json")}
+            if out is None:
+                typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))
+            else:
+                put_entries(out, entries)
     failures.check("tasks")
-
-
-def _put_or_print(path: Path | None, entries: dict[str, Any]) -> None:
-    """Prints the entries, or replaces them in a JSON file."""
-    from swarmdata.hub.publishing.regenerate import put_entries
-
-    if path is None:
-        typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))
-    else:
-        put_entries(path, entries)
 
 
 MAINTENANCE = "Maintenance"

@@ -12,12 +12,7 @@ def given(context: typer.Context, name: str) -> bool:
 
 
 def refuse(context: typer.Context, names: Collection[str], where: str) -> None:
-    """Refuses options that have no effect here.
-
-    Args:
-        context: of the command.
-        names: of the Python parameters that have none.
-        where: in which case, such as "with a recipe file".
+    """Refuses options that have no effect `where`, such as "with a recipe file", by Python names.
 
     Raises:
         typer.BadParameter: one of them was given.

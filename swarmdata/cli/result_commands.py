@@ -8,7 +8,6 @@ import typer
 
 from swarmdata.cli.option_use import given, refuse, refuse_workers
 from swarmdata.cli.shared_options import (
-    Again,
     Backend,
     Communication,
     Engine,
@@ -62,7 +61,9 @@ def evaluate(
     task: Task = None,
     label: Label = None,
     validation: Validation = False,
-    again: Again = False,
+    again: Annotated[
+        bool, typer.Option(help="evaluate again, even if --out has the result")
+    ] = False,
     observation: Observation = None,
     communication: Communication = None,
     backend: Backend = None,
@@ -274,7 +275,6 @@ def rank(
     errors and TD errors. With --episodes or --results, the report also says how well each criterion
     agrees with simulated scores.
     """
-    from swarmdata.errors import UnknownNameError
     from swarmdata.evaluation.policy_selection.ranking_record import CRITERIA, RANKING
     from swarmdata.runtime.extras import require_extra
     from swarmdata.runtime.output_folder import check_output

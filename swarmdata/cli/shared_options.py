@@ -1,9 +1,12 @@
 """Arguments and options that several commands have."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from swarmdata.datasets.dataset import Dataset
 
 IdOrPath = Annotated[
     str, typer.Argument(metavar="ID_OR_PATH", help="dataset id, or a dataset's folder")
@@ -78,6 +81,15 @@ Randomize = Annotated[
     ),
 ]
 Clip = Annotated[Path, typer.Option(help="file to write: .gif, .mp4 or .png")]
+Validation = Annotated[
+    bool, typer.Option("--validation", help="use the validation seeds, to choose settings")
+]
+
+
+def summary_of(made: "Dataset") -> str:
+    """What a command says of a dataset that it has made."""
+    counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
+    return f"{made.path}\n{counts}, digest {made.digest}"
 
 
 def parse_ranges(texts: list[str] | None) -> dict[str, tuple[float, float]] | None:
@@ -114,13 +126,6 @@ def parse_settings(texts: list[str] | None, option: str = "--set") -> dict[str, 
             raise typer.BadParameter(f"got {text!r}, expected KEY=VALUE", param_hint=option)
         settings[key] = value
     return settings
-
-
-Validation = Annotated[
-    bool, typer.Option("--validation", help="use the validation seeds, to choose settings")
-]
-
-Again = Annotated[bool, typer.Option(help="evaluate again, even if --out has the result")]
 
 
 def parse_part(text: str) -> tuple[int, int]:

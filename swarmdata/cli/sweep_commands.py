@@ -19,6 +19,7 @@ from swarmdata.cli.shared_options import (
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.robustness.sweep import Sweep
+    from swarmdata.evaluation.robustness.sweep_axes import Part
     from swarmdata.numerics.random import SeedBlock
 
 _AXIS = "NAME=A..B|A,B,..."
@@ -98,16 +99,18 @@ def sweep(
         )  # fmt: skip
         typer.echo(out / simulator_transfer.TABLE_FILE)
         return
-    if not any(
-        ".." in text for texts in (communication, observation, body) for text in texts or ()
-    ):
+    asked: dict[Part, list[str] | None] = {
+        "communication": communication,
+        "observation": observation,
+        "body": body,
+    }
+    named = [(text, part) for part, texts in asked.items() for text in texts or ()]
+    if not any(".." in text for text, _ in named):
         refuse(context, ("values",), "without an axis such as noise=0..0.2")
     from swarmdata.evaluation.robustness import sweep as sweeps
     from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 
-    axes = [parse_axis(text, "communication", values) for text in communication or []]
-    axes += [parse_axis(text, "observation", values) for text in observation or []]
-    axes += [parse_axis(text, "body", values) for text in body or []]
+    axes = [parse_axis(text, part, values) for text, part in named]
     planned = sweeps.plan_sweep(
         targets, axes, out, n_episodes=episodes, task=task, backend=backend,
         randomization=parse_ranges(randomize), block=block,

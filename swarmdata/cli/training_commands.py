@@ -224,7 +224,6 @@ def _trainers() -> Any:
 
 
 def _default_folder(algorithm: str, sources: str | list[str]) -> Path:
-    """Returns the run folder that is named after the algorithm and the task or datasets."""
     names = [sources] if isinstance(sources, str) else sources
     return Path("runs") / f"{algorithm}-{'+'.join(Path(name).stem for name in names)}"
 
@@ -298,8 +297,7 @@ def algorithms() -> None:
     from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS
     from swarmdata.runtime.own_components import summary_of
 
-    tables = (("offline", OFFLINE_ALGORITHMS), ("online", ONLINE_ALGORITHMS))
-    for where, table in tables:
+    for where, table in (("offline", OFFLINE_ALGORITHMS), ("online", ONLINE_ALGORITHMS)):
         for name in table:
             typer.echo(f"{name:12} {where:8} {summary_of(table[name])}")
 

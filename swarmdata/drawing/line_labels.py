@@ -18,12 +18,8 @@ MIN_LABEL_GAP = 8.5 / 72
 def label_ends(axes: Any, lines: Sequence[Any], height: float) -> None:
     """Writes each line's label beside the panel at the height of its end, without overlaps.
 
-    A line that ends before the panel does is joined to its label.
-
-    Args:
-        axes: the panel; its limits are final.
-        lines: those of its lines that get a label.
-        height: of the panel, in inches, about.
+    A line that ends before the panel does is joined to its label. The panel is about `height`
+    inches high, and its limits are final.
     """
     transform = axes.transData
     inverse = axes.transAxes.inverted()

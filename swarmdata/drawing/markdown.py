@@ -11,10 +11,7 @@ _CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, is_numeric: bool = False) -> str:
     """A GitHub table whose cells stay text or `code`: no HTML, no line breaks, no end of the cell.
 
-    Args:
-        head: the first line.
-        rows: as long as the head.
-        is_numeric: whether every column but the first is aligned to the right.
+    If it `is_numeric`, every column but the first is aligned to the right.
     """
     rule = ["---", *["---:" if is_numeric else "---"] * (len(head) - 1)]
     lines = [head, rule, *rows]

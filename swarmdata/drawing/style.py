@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -70,8 +71,6 @@ WORDS = {
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0
 """Inches: of a column and of the text of a page in two columns, as in papers."""
 
-SUFFIXES = (".png", ".svg", ".pdf")
-
 Medium = Literal["paper", "screen"]
 """What a figure is for: a column of a paper, or a sheet that is only looked at on a screen."""
 
@@ -90,8 +89,6 @@ _PAPER = {
     "pdf.fonttype": 42,  # TrueType: publishers refuse Type 3 fonts
 }
 _SCREEN = {"font.size": 10, "axes.titlesize": 10}
-_LOOKS: Mapping[Medium, Mapping[str, Any]] = {"paper": _PAPER, "screen": _SCREEN}
-
 DPI: Mapping[Medium, int] = {"paper": 200, "screen": 160}
 
 _DATELESS: Mapping[str, Mapping[str, None]] = {
@@ -99,7 +96,9 @@ _DATELESS: Mapping[str, Mapping[str, None]] = {
     ".svg": {"Date": None},
     ".pdf": {"CreationDate": None},
 }
-"""Metadata without which the same figure is the same file."""
+"""Suffix -> metadata without which the same figure is the same file."""
+
+SUFFIXES = tuple(_DATELESS)
 
 _STYLE = {
     "axes.edgecolor": INK,
@@ -148,10 +147,7 @@ def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
     """Returns a color and a marker of each label: of its family, and of its algorithm.
 
     A label that is an algorithm has that algorithm's marker; others have the next free ones of
-    their color. With more families than colors, families share a color.
-
-    Args:
-        families: label -> family or algorithm, in the order of the tables.
+    their color, in their order. With more families than colors, families share a color.
     """
     kinds = {label: family_name(kind) for label, kind in families.items()}
     color_of = family_colors(tuple(dict.fromkeys(kinds.values())))
@@ -185,17 +181,13 @@ def family_colors(kinds: Sequence[str]) -> dict[str, str]:
 
 
 def line_looks(looks: Mapping[str, Mapping[str, str]]) -> dict[str, dict[str, Any]]:
-    """Returns the color and the dashes of each label's line: dashes differ within a color.
-
-    Args:
-        looks: color and marker of each label, as of `family_looks`.
-    """
-    counts: dict[str, int] = {}
+    """Returns each label's color, as of `family_looks`, and dashes, which differ within a color."""
+    counts: Counter[str] = Counter()
     found = {}
     for label, look in looks.items():
-        k = counts.setdefault(look["color"], 0)
-        found[label] = {"color": look["color"], "ls": DASHES[k % len(DASHES)]}
-        counts[look["color"]] += 1
+        color = look["color"]
+        found[label] = {"color": color, "ls": DASHES[counts[color] % len(DASHES)]}
+        counts[color] += 1
     return found
 
 
@@ -264,7 +256,7 @@ def figure(
         width: inches.
         height: inches.
         purpose: for the error message if matplotlib is missing.
-        medium: what it is for; a paper's figures have text of 8 points.
+        medium: a paper's figures have text of 8 points.
 
     Raises:
         SchemaError: an unknown suffix.
@@ -278,7 +270,8 @@ def figure(
     import matplotlib as mpl  # noqa: PLC0415  (matplotlib is an extra)
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    looks = {**mpl.rcParamsDefault, "backend": "agg", **_STYLE, **_LOOKS[medium]}
+    sizes = _PAPER if medium == "paper" else _SCREEN
+    looks = {**mpl.rcParamsDefault, "backend": "agg", **_STYLE, **sizes}
     with mpl.rc_context(looks):
         drawing = Figure(figsize=(width, height), layout="constrained")
         yield drawing

@@ -19,7 +19,8 @@ from swarmdata.analysis.coverage import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.specs.task_spec import Role, TaskSpec
-from swarmdata.store import EpisodeTable, StoredDataset, open_store
+from swarmdata.store import StoredDataset, open_store
+from tests.support.episode_table import episode_table
 
 Record = Callable[..., Path]
 
@@ -46,7 +47,8 @@ def test_random_covers_more_than_idle(stored: StoredDataset) -> None:
     assert random.actions.robot == pytest.approx(2 * np.log(2), abs=0.25)  # uniform in a square
     assert idle.actions is not None
     assert idle.actions.robot == pytest.approx(2 * np.log(ENTROPY_RESOLUTION), abs=0.25)  # at rest
-    assert random.distinct == 1.0
+    assert random.distinct == 1.0 > idle.distinct, "robots at rest repeat"
+    assert (random.bounds, idle.bounds) == (0.0, 0.0)
     assert set(random.passings) == {0}
     assert set(idle.passings) == {1}
 
@@ -91,27 +93,6 @@ def test_no_episodes_are_refused(stored: StoredDataset) -> None:
         coverage(stored, np.array([], np.int64))
 
 
-def make_table(lengths: list[int]) -> EpisodeTable:
-    sizes = np.array(lengths)
-    zeros = np.zeros(len(sizes))
-    columns = dict.fromkeys(
-        (
-            "seeds",
-            "layouts",
-            "split",
-            "end_reason",
-            "policy",
-            "policy_episode",
-            "team_return",
-            "success",
-            "robot_collisions",
-            "obstacle_collisions",
-        ),
-        zeros,
-    )
-    return EpisodeTable(starts=np.cumsum(sizes) - sizes, lengths=sizes, **columns)  # type: ignore[arg-type]
-
-
 @given(
     st.lists(st.integers(1, 30), min_size=1, max_size=12),
     st.integers(1, 80),
@@ -120,7 +101,8 @@ def make_table(lengths: list[int]) -> EpisodeTable:
 def test_sampled_steps_are_distinct_and_of_the_selection(
     lengths: list[int], n_rows: int, seed: int
 ) -> None:
-    table = make_table(lengths)
+    starts = np.cumsum(lengths) - lengths
+    table = episode_table(len(lengths), starts=starts, lengths=lengths)
     kept = np.random.default_rng(seed).random(len(lengths)) < 0.6
     kept[seed % len(lengths)] = True
     selection = np.flatnonzero(kept)

@@ -6,7 +6,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.analysis.passings import Passings, passings, total
-from swarmdata.errors import SchemaError
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Float
@@ -33,16 +32,11 @@ def meeting(offset: float, turn: float = 0.0) -> Float:
     return drive([(-1.2, 0.0), (1.2, offset)], [(0.5, 0.0), (-0.5, 0.0)], turn)
 
 
-def test_sides() -> None:
-    # the other one is above, on the left of who drives right: both keep to their right
-    assert passings(meeting(0.3), TWO) == Passings(1, 0)
-    assert passings(meeting(-0.3), TWO) == Passings(0, 1)
-
-
 @given(st.floats(0.02, 0.45), st.floats(-7, 7), st.booleans())
 def test_a_turned_world_has_the_same_sides_and_a_mirrored_one_the_other(
     offset: float, turn: float, swap: bool
 ) -> None:
+    # the other one is above, on the left of who drives right: both keep to their right
     states = meeting(offset, turn)
     if swap:
         states = states.reshape(STEPS, 2, -1)[:, ::-1].reshape(STEPS, -1)
@@ -87,12 +81,3 @@ def test_all_pairs_of_a_team_count() -> None:
     )
     assert passings(states, spec) == Passings(1, 1)
     assert total([Passings(1, 1), Passings(2, 0)]) == Passings(3, 1)
-
-
-def test_a_single_robot_passes_nobody() -> None:
-    assert passings(states=meeting(0.3)[:, :N_COLUMNS], spec=TaskSpec(team=(Role(count=1),))).n == 0
-
-
-def test_distances_out_of_order_are_refused() -> None:
-    with pytest.raises(SchemaError, match="expected 0 < near < reach"):
-        passings(meeting(0.3), TWO, near=1.0, reach=0.5)

@@ -8,9 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.analysis.visits import occupancy
-from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import BOX
-from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Arena, Role, TaskSpec
 from swarmdata.types import Float
@@ -79,23 +77,3 @@ def test_even_visits_have_evenness_one() -> None:
     assert found.entropy == pytest.approx(1.0)
     half = occupancy(states_at(places[: len(places) // 2, None]), EMPTY, spec)
     assert half.entropy == pytest.approx(math.log(len(places) // 2) / math.log(len(places)))
-
-
-def test_the_floor_of_a_warehouse_has_shelves() -> None:
-    from swarmdata.registry.components import make_env
-
-    spec = preset("warehouse")
-    step = make_env(spec).reset(np.array([3], np.uint64))
-    found = occupancy(step.states, step.layouts, spec)
-    assert 0.5 < found.free.mean() < 0.8
-    assert found.visits.sum() == spec.n_agents
-
-
-def test_nothing_to_count_is_refused() -> None:
-    states = states_at(np.zeros((1, 1, 2)))
-    with pytest.raises(SchemaError, match="0 states, 1 layouts"):
-        occupancy(states[:0], EMPTY, team(1))
-    with pytest.raises(SchemaError, match="1 states, 0 layouts"):
-        occupancy(states, EMPTY[:0], team(1))
-    with pytest.raises(SchemaError, match="cells of 0 m"):
-        occupancy(states, EMPTY, team(1), 0.0)

@@ -20,8 +20,6 @@ SAME_MEANING = {"vdn", "qmix"}
 """Names of two modules each that do mean the same: an algorithm, offline and online."""
 
 SMALL_AND_ALONE = [
-    "swarmdata.catalogue.pages.card_html",
-    "swarmdata.catalogue.replays.episode_choice",
     "swarmdata.envs.physics.kinematic",
     "swarmdata.registry.ablations",
     "swarmdata.rollouts.spec_check",

@@ -21,16 +21,6 @@ def test_a_preset_that_was_not_measured_is_named() -> None:
     assert "[`formation`](formation.md#formation) |  |  |  |  |" in pages["README.md"]
 
 
-def test_a_table_has_a_row_for_a_tier_and_a_score_where_there_is_an_expert() -> None:
-    page = worlds_pages(references())["formation.md"]
-    headline, easy = (page.partition(f"## `{name}`")[2] for name in ("formation", "formation-easy"))
-    policies = ("idle", "random", "straight", "scripted", "medium", "expert")
-    shown = headline.partition("\n## ")[0].partition("\n| gap to")[0]
-    assert [row.split(" | ")[0][2:] for row in shown.splitlines()[-6:]] == list(policies)
-    assert "| policy | score | return | success (%) |" in headline
-    assert "| policy | return | success (%) |" in easy.partition("\n## ")[0]
-
-
 @pytest.mark.parametrize("name", references())
 def test_the_scripted_team_solves_what_others_do_not(name: str) -> None:
     entry = references()[name]

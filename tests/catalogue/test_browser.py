@@ -1,7 +1,4 @@
-"""The pages in a real Chromium, from `file://`: filter, sort, replay, deep links, side by side.
-
-The most telling tests run by default where there is a browser, the others are slow ones.
-"""
+"""The pages in a real Chromium, from `file://`: filter, sort, replay, deep links, side by side."""
 
 import shutil
 from pathlib import Path
@@ -18,10 +15,9 @@ from swarmdata.specs.state_layout import X, Y, robots_of
 from tests.support.browser import Visit
 from tests.support.tiny import TINY
 
-slow = pytest.mark.slow
+pytestmark = pytest.mark.slow
 
 
-@pytest.mark.slow
 def test_a_dataset_leads_to_its_other_size_and_tiers(visit: Visit) -> None:
     visit.open("datasets/coop_nav-medium-v1.html")
     tiers = visit.texts(".tiers a b")
@@ -34,7 +30,6 @@ def test_a_dataset_leads_to_its_other_size_and_tiers(visit: Visit) -> None:
     assert visit.page.url.endswith("/coop_nav-scripted-mini-v1.html")
 
 
-@pytest.mark.slow
 def test_replays_are_where_the_recording_was(visit: Visit, shown: dict[str, Path]) -> None:
     dataset = Dataset.open(shown["tiny"])
     for index in (0, len(dataset) - 1):
@@ -54,7 +49,6 @@ def test_replays_are_where_the_recording_was(visit: Visit, shown: dict[str, Path
         assert returns == pytest.approx(dataset[index].team_return, abs=0.05)
 
 
-@slow
 def test_play_pause_step_scrub_and_the_keyboard(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=1")
     page = visit.page
@@ -88,7 +82,6 @@ def test_play_pause_step_scrub_and_the_keyboard(visit: Visit) -> None:
     assert "0.7 s of" in visit.texts(".clock")[0]
 
 
-@slow
 def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
     page = visit.page
@@ -120,7 +113,6 @@ def test_the_table_is_filtered_sorted_and_opens_episodes(visit: Visit) -> None:
     visit.wait(f"!location.hash.includes('episode={index}')")
 
 
-@slow
 def test_a_range_is_dragged_over_a_histogram(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html")
     histogram = visit.page.locator("fieldset[data-name=return] svg")
@@ -139,7 +131,6 @@ def test_a_range_is_dragged_over_a_histogram(visit: Visit) -> None:
     assert 0 < len(kept) < len(values)
 
 
-@pytest.mark.slow
 def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=2&t=1")
     page = visit.page
@@ -164,7 +155,6 @@ def test_two_episodes_are_side_by_side_at_one_time(visit: Visit) -> None:
     assert visit.run("swarmdata.views.map((view) => view.replay.position)") == [2, 5]
 
 
-@pytest.mark.slow
 def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
     visit.page.set_viewport_size({"width": 1360, "height": 768})
     for name in (TINY.id, "formation-small-v0", "painting_v1-mine-v0"):
@@ -178,7 +168,6 @@ def test_what_is_played_is_in_sight_of_the_play_button(visit: Visit) -> None:
     visit.wait("document.querySelector('.play').getBoundingClientRect().bottom <= 768")
 
 
-@pytest.mark.slow
 def test_back_leads_to_the_last_choice(visit: Visit) -> None:
     visit.open("index.html")
     n_all = visit.page.locator(".card").count()
@@ -202,7 +191,6 @@ def test_back_leads_to_the_last_choice(visit: Visit) -> None:
     visit.wait("swarmdata.views[0].replay.position === 1")
 
 
-@slow
 def test_beams_end_where_the_lidar_measures(visit: Visit, shown: dict[str, Path]) -> None:
     dataset = Dataset.open(shown["peer"])
     episode, spec = dataset[1], dataset.task
@@ -222,7 +210,6 @@ def test_beams_end_where_the_lidar_measures(visit: Visit, shown: dict[str, Path]
         assert np.median(errors) < 0.002
 
 
-@slow
 def test_links_are_those_of_the_recording(visit: Visit, shown: dict[str, Path]) -> None:
     dataset = Dataset.open(shown["peer"])
     episode = dataset[0]
@@ -242,7 +229,6 @@ def test_links_are_those_of_the_recording(visit: Visit, shown: dict[str, Path]) 
     assert "0.2 s late" in visit.texts(".legend")[0]
 
 
-@slow
 @pytest.mark.parametrize("name", ["formation", "transport", "warehouse"])
 def test_every_task_is_drawn_with_every_option(visit: Visit, name: str) -> None:
     visit.open(f"datasets/{name}-small-v0.html#t=1.3")
@@ -254,7 +240,6 @@ def test_every_task_is_drawn_with_every_option(visit: Visit, name: str) -> None:
     assert visit.run("swarmdata.views[0].canvas.toDataURL()") != blank
 
 
-@slow
 def test_events_lead_to_their_time(visit: Visit) -> None:
     visit.open(f"datasets/{TINY.id}.html#episode=2")
     visit.page.click(".events summary")
@@ -265,7 +250,6 @@ def test_events_lead_to_their_time(visit: Visit) -> None:
     assert f"{visit.run('swarmdata.player.time'):.1f} s" == times[-1]
 
 
-@pytest.mark.slow
 def test_a_recording_shows_lines_and_images(visit: Visit) -> None:
     visit.open("datasets/painting_v1-mine-v0.html#episode=1&t=5")
     assert [text.lower() for text in visit.texts(".lines h3")] == ["reward", "action"]
@@ -291,7 +275,6 @@ def test_a_recording_shows_lines_and_images(visit: Visit) -> None:
     assert marks[0] == marks[1] != "0"
 
 
-@slow
 def test_code_is_copied(visit: Visit) -> None:
     visit.page.context.grant_permissions(["clipboard-read", "clipboard-write"])
     visit.open(f"datasets/{TINY.id}.html")
@@ -301,7 +284,6 @@ def test_code_is_copied(visit: Visit) -> None:
     assert "swarmdata.load(" in visit.run("navigator.clipboard.readText()")
 
 
-@pytest.mark.slow
 def test_the_leaderboard_is_sorted_and_filtered(visit: Visit) -> None:
     visit.open("results.html#dataset=coop_nav-medium-v1")
     board = ".leaderboard:not([hidden])"
@@ -329,7 +311,6 @@ def test_the_leaderboard_is_sorted_and_filtered(visit: Visit) -> None:
     assert visit.texts("#widen button")[-1] == "Clear all filters"
 
 
-@slow
 def test_injected_scripts_do_not_run(visit: Visit) -> None:
     visit.open("index.html")
     inject = (
@@ -342,7 +323,6 @@ def test_injected_scripts_do_not_run(visit: Visit) -> None:
     visit.complaints.clear()
 
 
-@slow
 def test_missing_data_are_said(visit: Visit, tmp_path: Path) -> None:
     copy = tmp_path / "site"
     shutil.copytree(visit.site, copy)
@@ -354,7 +334,6 @@ def test_missing_data_are_said(visit: Visit, tmp_path: Path) -> None:
     visit.requests.clear()
 
 
-@slow
 def test_everything_that_can_be_used_has_a_name(visit: Visit) -> None:
     for path in ("index.html", "results.html", f"datasets/{TINY.id}.html"):
         visit.open(path)
@@ -367,7 +346,6 @@ def test_everything_that_can_be_used_has_a_name(visit: Visit) -> None:
         assert nameless == []
 
 
-@slow
 def test_values_that_are_not_finite_are_no_bars_and_in_no_range(visit: Visit) -> None:
     visit.open("datasets/painting_v1-mine-v0.html")
 
@@ -382,7 +360,6 @@ def test_values_that_are_not_finite_are_no_bars_and_in_no_range(visit: Visit) ->
     assert found == [True, False, True, 2]
 
 
-@slow
 def test_a_result_leads_to_its_episodes_and_replays(visit_results: Visit) -> None:
     visit = visit_results
     visit.open(f"results.html#dataset={TINY.id}")
@@ -402,7 +379,6 @@ def test_a_result_leads_to_its_episodes_and_replays(visit_results: Visit) -> Non
     visit.wait("notice.textContent.includes('swarmdata render')")
 
 
-@pytest.mark.slow
 def test_episodes_of_a_committed_study_are_listed(visit: Visit) -> None:
     visit.open("results/result-goals-bc-coop_nav-medium-v1.html")
     assert visit.texts(".count") == ["5000 of 5000 episodes"]

@@ -15,6 +15,7 @@ from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import list_datasets
 from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import few_published, little_published
+from tests.support.image_world import record_images
 from tests.support.tiny import TINY, make_tiny
 
 MOST_BYTES_OF_A_MINI = 2_000_000
@@ -178,17 +179,8 @@ def test_a_failure_leaves_the_earlier_catalogue(
 
 @pytest.mark.slow
 def test_words_of_a_recording_are_escaped(tmp_path: Path) -> None:
-    from swarmdata.record import Recorder
-    from tests.support.image_world import Painting
-
     evil = "<img src=x onerror=alert(1)>"
-    env = Painting()
-    about = {"author": evil}
-    with Recorder(env, id="painting_v1-evil-v0", path=tmp_path / "ds", metadata=about) as recorder:
-        recorder.reset()
-        while recorder.agents:
-            recorder.step(dict.fromkeys(recorder.agents, 0))
-    recorder.close()
+    record_images(tmp_path / "ds", 1, id="painting_v1-evil-v0", author=evil)
 
     build_catalogue([str(tmp_path / "ds")], tmp_path / "site", CatalogueChoices())
 

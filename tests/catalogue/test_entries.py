@@ -1,5 +1,6 @@
 """What entries say of datasets: sizes together, gaps where measured, costs as on the cards."""
 
+from importlib.resources import files
 from pathlib import Path
 
 from swarmdata.catalogue.entries import collisions_on, find_entries, in_sizes
@@ -42,8 +43,6 @@ def test_a_dataset_that_is_shown_says_what_its_table_does(shown: dict[str, Path]
 
 
 def test_every_published_card_states_its_collisions() -> None:
-    from importlib.resources import files
-
     cards = files("swarmdata.cards").joinpath("published")
     for name in published():
         found = collisions_on(cards.joinpath(f"{name}.md").read_text(encoding="utf-8"))

@@ -18,7 +18,7 @@ from swarmdata.catalogue.result_sources import (
     with_differences,
     with_keys,
 )
-from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.errors import DatasetNotFoundError, StudyError
 from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.learn.training.run_files import find_run, run_hash
@@ -70,7 +70,8 @@ def test_a_study_has_outcomes_curves_and_sweeps(study: Path) -> None:
 
 
 def test_the_page_shows_and_links_them(study: Path) -> None:
-    text = page_of(own_sources([study], Failures(1)), frozenset({"coop_nav-medium-v1"}))
+    sources = own_sources([study], Failures(1))
+    text = page_of(sources, frozenset({"coop_nav-medium-v1"}))
 
     assert 'href="datasets/coop_nav-medium-v1.html"' in text
     assert "50.0 [45.0, 55.0]" in text
@@ -78,16 +79,14 @@ def test_the_page_shows_and_links_them(study: Path) -> None:
     assert "<study>" not in text
     assert text.count('class="chart"') == 2
     assert text.count("line series-0 dashed-0") == 2  # of cloning
-
-
-def test_a_dataset_without_a_page_is_not_linked(study: Path) -> None:
-    assert "datasets/" not in page_of(own_sources([study], Failures(1)), frozenset())
+    assert "datasets/" not in page_of(sources, frozenset()), "none has a page"
+    assert "swarmdata catalogue build --results FOLDER" in page_of([], frozenset())
 
 
 def test_studies_on_validation_seeds_are_no_committed_results(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def of_study(folder: Path, place: str, shown: object) -> ResultSource:
+    def of_study(study: object, folder: Path, place: str, shown: object) -> ResultSource:
         return ResultSource("", place, (), {})
 
     monkeypatch.setattr(result_sources, "_of_study", of_study)  # which reads archives for long
@@ -122,23 +121,16 @@ def test_a_study_whose_episodes_are_not_installed_is_named(
         (tmp_path / name / "estimates.csv").write_text(HEAD + ROW.format("score", 50, 45, 55))
         (tmp_path / name / "study.yaml").write_text("block: evaluation\n")
         (tmp_path / name / archive).touch()
+    assert result_sources.studies_without_episodes() == [], "of a clone"
     monkeypatch.setattr(result_sources, "committed_studies", lambda: read_studies(tmp_path))
 
     assert result_sources.studies_without_episodes() == ["without"]
-
-
-def test_a_clone_has_the_episodes_of_all_committed_studies() -> None:
-    assert result_sources.studies_without_episodes() == []
 
 
 def test_an_own_study_on_validation_seeds_says_so(study: Path) -> None:
     (study / "study.yaml").write_text("title: Mine\nblock: validation\n")
 
     assert own_sources([study], Failures(1))[0].title == "Mine (validation seeds)"
-
-
-def test_without_results_the_page_says_how_to_add_some() -> None:
-    assert "swarmdata catalogue build --results FOLDER" in page_of([], frozenset())
 
 
 def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> None:
@@ -196,12 +188,12 @@ def test_absent_results_are_one_sentence(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("a,b\n1,2\n", "has no column label"), (HEAD + ROW.format("score", "x", 1, 2), "has 'x'")],
+    [("a,b\n1,2\n", "no column .*label"), (HEAD + ROW.format("score", "x", 1, 2), "no estimate")],
 )
 def test_broken_estimates_are_refused(study: Path, text: str, message: str) -> None:
     (study / "estimates.csv").write_text(text)
 
-    with pytest.raises(SchemaError, match=message):
+    with pytest.raises(StudyError, match=message):
         own_sources([study], Failures(1))
 
 

@@ -6,15 +6,11 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 from swarmdata.cards.card import write_card
-from swarmdata.cli.main import app
 from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD
 from tests.support.command_line import run
-
-RUNNER = CliRunner()
 
 
 @pytest.fixture(scope="module")
@@ -38,19 +34,16 @@ def test_an_id_in_the_cache_with_problems(dataset: Path, cache_folder: Path) -> 
     result = run("audit", dataset.name, "--sample", "0", code=1)
     assert "problem: card: line 1 of card.md is 'typed by hand'" in result
     assert "note: replay: no episodes were replayed, as requested" in result
-    content = json.loads(RUNNER.invoke(app, ["audit", dataset.name, "--json"]).output)
+    content = json.loads(run("audit", dataset.name, "--json", code=1))
     assert content["n_problems"] == 1
     assert content["findings"][0]["check"] == "card"
 
 
 @pytest.mark.parametrize("name", ["coop_nav-random-mini", "coop_nav-nothing"])
 def test_what_cannot_be_read(name: str) -> None:
-    result = RUNNER.invoke(app, ["audit", name])
-    assert result.exit_code == 2
-    assert "Get it with: swarmdata generate" in result.stderr or "Did you mean" in result.stderr
+    shown = run("audit", name, code=2)
+    assert "Get it with: swarmdata generate" in shown or "Did you mean" in shown
 
 
 def test_a_folder_that_is_no_dataset(tmp_path: Path) -> None:
-    result = RUNNER.invoke(app, ["audit", str(tmp_path)])
-    assert result.exit_code == 2
-    assert "there is no dataset at" in result.stderr
+    assert "there is no dataset at" in run("audit", tmp_path, code=2)

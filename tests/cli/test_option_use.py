@@ -13,6 +13,7 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -64,7 +65,7 @@ AXES = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Case:
     """One way to use a command.
 
@@ -101,46 +102,42 @@ TWIN = "swarmdata.interop.logs.fitted_twin"
 HALVES = SimpleNamespace(split=lambda name: name)
 FITTED = SimpleNamespace(check=lambda *parts: len(parts), to_yaml=lambda: "spec")
 
+SHARES = "swarmdata.building.shares"
+BUILT = ("swarmdata.building.build:build", f"{SHARES}:make_share", f"{SHARES}:receive_parts",
+         f"{SHARES}:finish_parts")  # fmt: skip
+THROUGH = {"--remote": "file:///a"}
+EVALUATED = (f"{RESULTS}.target_evaluation:evaluate_target",
+             f"{RESULTS}.evaluation_jobs:run_evaluations")  # fmt: skip
+STUDIED = tuple(f"{STUDY}:{name}" for name in ("run_study", "reproduce_study_cell", "list_cells",
+                                               "run_one_cell", "collect_study"))  # fmt: skip
+CATALOGUE = ("swarmdata.catalogue.build_catalogue:build_catalogue",)
+OTHER_AXES = {**AXES, "--observation": "range=2,1"}
+LATER = "the boundary ends the command before it"
+COSTLESS = {"--budget": "read after the evaluation"}
+
 CASES = (
     Case("list"),
     Case("algorithms"),
     Case("info coop_nav-medium"),
-    Case("generate coop_nav-medium", ("swarmdata.building.build:build",
-                                     "swarmdata.building.shares:make_share",
-                                     "swarmdata.building.shares:receive_parts",
-                                     "swarmdata.building.shares:finish_parts"),
-         samples={"--remote": "file:///a"}),
-    Case("generate coop_nav-medium --out a", ("swarmdata.building.build:build",
-                                             "swarmdata.building.shares:make_share",
-                                             "swarmdata.building.shares:receive_parts",
-                                             "swarmdata.building.shares:finish_parts"),
-         samples={"--remote": "file:///a"}),
-    Case("generate coop_nav-medium --part 1/2", ("swarmdata.building.shares:make_share",),
-         samples={"--part": "2/2", "--remote": "file:///a"}),
-    Case("generate coop_nav-medium --finish", ("swarmdata.building.shares:finish_parts",
-                                              "swarmdata.building.shares:receive_parts"),
-         samples={"--remote": "file:///a"}),
-    Case(
-        "generate --task coop_nav --policy idle --id coop_nav-a-v0",
-        (f"{RUNS}.generated_dataset:generate",),
-    ),
-    Case(
-        "verify data", ("swarmdata.audit:audit",),
-        {**SOUND, "swarmdata.cli.integrity_commands:_compare": None},
-        idle={"--repair": "nothing is broken"},
-    ),
-    Case(
-        "verify data --repair", (f"{REPAIR}:repair",), {**SOUND, f"{REPAIR}:examine": BROKEN},
-        idle={"--replay": "the repair comes first, and the boundary ends the command"},
-    ),
+    Case("generate coop_nav-medium", BUILT, samples=THROUGH),
+    Case("generate coop_nav-medium --out a", BUILT, samples=THROUGH),
+    Case("generate coop_nav-medium --part 1/2", BUILT, samples={"--part": "2/2", **THROUGH}),
+    Case("generate coop_nav-medium --finish", BUILT, samples=THROUGH),
+    Case("generate --task coop_nav --policy idle --id coop_nav-a-v0",
+         (f"{RUNS}.generated_dataset:generate",)),
+    Case("verify data", ("swarmdata.audit:audit",),
+         {**SOUND, "swarmdata.cli.integrity_commands:_compare": None},
+         idle={"--repair": "nothing is broken"}),
+    Case("verify data --repair", (f"{REPAIR}:repair",), {**SOUND, f"{REPAIR}:examine": BROKEN},
+         idle={"--replay": LATER}),
     Case("card data", ("swarmdata.cards.card:write_card", "swarmdata.cards.publish:publish_card"),
          {f"{CATALOG}:find_folder": Path("data"), "swarmdata.cards.card:card_of": "a card\n"}),
     Case("card data --out a", ("swarmdata.cards.publish:publish_card",),
          {f"{CATALOG}:find_folder": Path("data")},
-         idle={"--write": "the boundary ends the command before it"}),
+         idle={"--write": LATER}),
     Case("audit data", ("swarmdata.audit:audit",),
          {"swarmdata.cli.integrity_commands:_folder": Path("data")},
-         idle={"--json": "the boundary ends the command before it prints"}),
+         idle={"--json": LATER}),
     Case("audit data", (),
          {"swarmdata.cli.integrity_commands:_folder": Path("data"),
           "swarmdata.audit:audit": SimpleNamespace(
@@ -156,7 +153,7 @@ CASES = (
     Case("push data file:///a"),
     Case("pull coop_nav-medium --from file:///a",
          ("swarmdata.hub.remotes.release_lookup:find_release",), {}, {"--from": "file:///b"},
-         idle={"--out": "the boundary ends the command before it writes"}),
+         idle={"--out": LATER}),
     Case("pull coop_nav-medium --from file:///a", ("swarmdata.hub.catalog.sources:obtain_release",),
          {"swarmdata.hub.remotes.release_lookup:find_release":
               (None, SimpleNamespace(id="coop_nav-medium-v1", address="file:///a"))},
@@ -176,15 +173,15 @@ CASES = (
     Case("fetch turtles", ("swarmdata.interop.logs.public_logs:fetch_logs",),
          samples={"--from": "logs"}),
     Case("fit hall-a-v0", (f"{TWIN}:fit_twin",), {f"{CATALOG}:load": HALVES},
-         idle={"--test": "the boundary ends the command before it checks",
-               "--out": "the boundary ends the command before it writes"}),
+         idle={"--test": LATER,
+               "--out": LATER}),
     Case("fit hall-a-v0", (), {f"{CATALOG}:load": HALVES, f"{TWIN}:fit_twin": FITTED,
                                f"{TWIN}:describe": lambda *shown: str(shown)},
          idle={"--radius": "the fit is replaced", "--drift": "the fit is replaced"}),
     Case("export-policy run a.onnx", ("swarmdata.interop.exported_policies:export_policy",)),
     Case("rank run", ("swarmdata.evaluation.policy_selection.rank:rank",),
          samples={"--by": "td_error"},
-         idle={"--out": "the boundary ends the command before it writes"}),
+         idle={"--out": LATER}),
     Case("rank run", (), {"swarmdata.evaluation.policy_selection.rank:rank":
          SimpleNamespace(write=typer.echo, to_text=lambda: "text")},
          {"--by": "td_error"},
@@ -202,9 +199,7 @@ CASES = (
     Case("import a.csv --map recipe.json", ("swarmdata.interop.logs:remake_logs",),
          {"swarmdata.interop.logs.map_files:read_map": IMPORTED},
          idle={"--map": "the map is a stub here"}),
-    Case("evaluate idle", (f"{RESULTS}.target_evaluation:evaluate_target",
-                           f"{RESULTS}.evaluation_jobs:run_evaluations"),
-         idle={"--budget": "read after the evaluation"}),
+    Case("evaluate idle", EVALUATED, idle=COSTLESS),
     Case("evaluate idle --budget robot_collisions=1",
          ("swarmdata.cli.result_commands:_print_tables",),
          {f"{RESULTS}.target_evaluation:evaluate_target": [],
@@ -215,33 +210,25 @@ CASES = (
              ("--out", "--episodes", "--task", "--label", "--validation", "--again",
               "--observation", "--communication", "--backend", "--randomize", "--threads",
               "--workers", "--engine", "--part", "--collect"), "evaluation is a stub here")),
-    Case("evaluate idle --task tag --side pursuers --opponents random",
-         (f"{RESULTS}.target_evaluation:evaluate_target",
-          f"{RESULTS}.evaluation_jobs:run_evaluations"),
-         idle={"--budget": "read after the evaluation",
-               "--task": "no other preset has sides"}),
+    Case("evaluate idle --task tag --side pursuers --opponents random", EVALUATED,
+         idle={**COSTLESS, "--task": "no other preset has sides"}),
     Case("evaluate idle --out a", (f"{RESULTS}.evaluation_jobs:run_evaluations",
                                    f"{RESULTS}.evaluation_jobs:collect_evaluations"),
-         idle={"--budget": "read after the evaluation"}),
+         idle=COSTLESS),
     Case("evaluate idle random --out a --part 1/2",
          (f"{RESULTS}.evaluation_jobs:run_evaluations",), samples={"--part": "2/2"}),
     Case("evaluate idle --out a --collect", (f"{RESULTS}.evaluation_jobs:collect_evaluations",),
-         idle={"--budget": "read after the results"}),
-    Case("evaluate coop_nav-scripted", (f"{RESULTS}.target_evaluation:evaluate_target",
-                                        f"{RESULTS}.evaluation_jobs:run_evaluations"),
-         idle={"--budget": "read after the evaluation"}),
+         idle=COSTLESS),
+    Case("evaluate coop_nav-scripted", EVALUATED, idle=COSTLESS),
     Case("report a --out b", (f"{RESULTS}.report:write_report",)),
     Case("report run --out b", (f"{RESULTS}.online_report:write_online_report",),
          {"swarmdata.learn.training.run_files:run_folders": ("run",)}),
-    Case("study plan.yaml", (f"{STUDY}:run_study", f"{STUDY}:reproduce_study_cell",
-                             f"{STUDY}:list_cells", f"{STUDY}:run_one_cell",
-                             f"{STUDY}:collect_study")),
+    Case("study plan.yaml", STUDIED),
     Case("study plan.yaml --cells", (),
          {f"{STUDY}:list_cells": SimpleNamespace(cells=(CELL,), open_sweeps=())},
          idle={"--work": "the cell is done in neither folder"}),
-    Case("study plan.yaml --cell bc/a", (f"{STUDY}:run_one_cell",)),
-    Case("study plan.yaml --collect", (f"{STUDY}:collect_study",)),
-    Case("study plan.yaml --check bc/a", (f"{STUDY}:reproduce_study_cell",)),
+    *(Case(f"study plan.yaml {way}", STUDIED)
+      for way in ("--cell bc/a", "--collect", "--check bc/a")),
     Case("study folder", ("swarmdata.evaluation.study.pages.study_folder:rewrite_pages",)),
     Case("study-cards", ("swarmdata.cards.publish:refresh_cards",),
          {"swarmdata.cards.committed_studies:read_studies": ()}),
@@ -250,32 +237,28 @@ CASES = (
                        "the plan is the same")),
     Case("sweep expert --out a --observation noise=0.1,0.2",
          (f"{SWEEP}:run_sweep", f"{SWEEP}:run_point", f"{SWEEP}:collect_sweep"),
-         samples={**AXES, "--observation": "range=2,1"}),
+         samples=OTHER_AXES),
     Case("sweep expert --out a --observation noise=0..0.2 --points", (), {},
-         {**AXES, "--observation": "range=2,1"},
+         OTHER_AXES,
          {"--out": "the points are done in neither folder",
           "--episodes": "how many there are is not listed", "--validation": "nor which",
           "--task": "neither is the task",
           "--backend": "nor is the simulator", "--randomize": "nor are ranges"}),
     Case("sweep expert --out a --observation noise=0..0.2 --point b", (f"{SWEEP}:run_point",),
-         samples={**AXES, "--observation": "range=2,1"}),
+         samples=OTHER_AXES),
     Case("sweep expert --out a --observation noise=0..0.2 --collect",
-         (f"{SWEEP}:collect_sweep",), samples={**AXES, "--observation": "range=2,1"}),
+         (f"{SWEEP}:collect_sweep",), samples=OTHER_AXES),
     Case("sweep idle --out a --simulator mujoco", (COMPARE,)),
     Case("warm", ("swarmdata.building.kernel_warmup:warm_kernels",)),
     Case("render idle --out a.gif", (f"{RESULTS}.clips:draw_target",)),
     Case("references coop_nav", (f"{RESULTS}.target_evaluation:measure_references",),
-         idle={"--out": "the boundary ends the command before it writes"}),
+         idle={"--out": LATER}),
     Case("references coop_nav", (f"{REGENERATE}:put_entries",),
          {f"{RESULTS}.target_evaluation:measure_references":
               SimpleNamespace(model_dump=lambda mode: {})},
          idle={"--episodes": "nothing is measured here"}),
-    Case("catalogue build coop_nav-medium",
-         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
-    Case("catalogue build --minis",
-         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
-    Case("catalogue build coop_nav-medium --all",
-         ("swarmdata.catalogue.build_catalogue:build_catalogue",)),
+    *(Case(f"catalogue build {what}", CATALOGUE)
+      for what in ("coop_nav-medium", "--minis", "coop_nav-medium --all")),
     Case("catalogue open", ("swarmdata.catalogue.site_folder:is_site",)),
     Case("leaderboard submit run --dataset a --name b --license c --code d --trials 2 "
          "--tuning-episodes 3 --out e", ("swarmdata.evaluation.leaderboard.entry:submit",)),
@@ -292,7 +275,7 @@ CASES = (
     Case("registry check", (f"{REGENERATE}:check",), samples={"--id": "coop_nav-medium"}),
     Case("registry update --id coop_nav-medium", (f"{REGENERATE}:make_again",),
          idle={"--id": "the boundary ends the command at the first id",
-               "--out": "the boundary ends the command before it writes"}),
+               "--out": LATER}),
     Case("registry update --id coop_nav-medium", (f"{REGENERATE}:put_entries",),
          {f"{REGENERATE}:make_again":
               SimpleNamespace(model_dump=lambda mode: {}, n_steps=1, digest="")},
@@ -353,19 +336,9 @@ class Reached(Exception):  # noqa: N818  (it ends a command, and is no error)
     """A boundary was called."""
 
 
-RAN: dict[tuple[Any, ...], tuple[int, str]] = {}
-"""What was run once already, by the index of the case: two tests ask for the same."""
-
-
-def run(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
+@cache  # two tests ask for the same
+def run(case: Case, *extra: str) -> tuple[int, str]:
     """Exit code, and the output with the arguments of the boundary."""
-    key = (CASES.index(case), *extra)
-    if key not in RAN:
-        RAN[key] = run_anew(case, extra, monkeypatch)
-    return RAN[key]
-
-
-def run_anew(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
     called: list[str] = []
 
     def boundary(name: str) -> Any:
@@ -375,7 +348,7 @@ def run_anew(case: Case, extra: list[str], monkeypatch: pytest.MonkeyPatch) -> t
 
         return reached
 
-    with monkeypatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch:
         for name, value in case.stubs.items():
             work = value if callable(value) and not isinstance(value, SimpleNamespace) else None
             patch.setattr(name.replace(":", "."), work or (lambda *a, _v=value, **k: _v))
@@ -421,29 +394,27 @@ def test_every_command_with_options_has_a_case() -> None:
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.line)
-def test_every_option_has_an_effect_or_is_refused(
-    case: Case, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_option_has_an_effect_or_is_refused(case: Case) -> None:
     pytest.importorskip("torch", reason="training, ranking and studies need torch")
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
     options = options_of(command_of(case))
     assert case.idle.keys() <= options.keys()
     if not options:
         return
-    base = run(case, [], monkeypatch)
+    base = run(case)
     for option, parameter in options.items():
         if option in case.idle:
             continue
         extra = sample_of(case, option, parameter)
         if extra[0] in case.line.split() and parameter.is_flag:
             continue
-        code, output = run(case, extra, monkeypatch)
+        code, output = run(case, *extra)
         is_refused = code in (1, 2) and option in output and "Traceback" not in output
         assert (code, output) != base or is_refused, f"{case.line} ignores {' '.join(extra)}"
         assert is_refused or code == base[0] or "Error" not in output, (extra, output)
 
 
-def test_every_option_has_an_effect_in_some_case(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_option_has_an_effect_in_some_case() -> None:
     """An option that every case refuses, or lists as idle, has no use."""
     pytest.importorskip("torch", reason="training, ranking and studies need torch")
     known = [
@@ -455,7 +426,7 @@ def test_every_option_has_an_effect_in_some_case(monkeypatch: pytest.MonkeyPatch
             reached = reached or f" {option} " in f"{case.line} "
             if reached or option in case.idle:
                 continue
-            code, output = run(case, sample_of(case, option, parameter), monkeypatch)
-            base = run(case, [], monkeypatch)
+            code, output = run(case, *sample_of(case, option, parameter))
+            base = run(case)
             reached = (code, output) != base and code == base[0]
         assert reached, f"{command} {option}"

@@ -1,34 +1,22 @@
 """`swarmdata registry`: what it prints, what it writes, and its exit codes."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
 from swarmdata.hub.publishing import regenerate
 from swarmdata.registry import published, recipes
 from swarmdata.registry.published import Published
-from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.task_spec import TaskSpec
+from tests.support import command_line, tiny
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
-TINY = Recipe(
-    id="coop_nav-tiny-mini-v0",
-    tier="random",
-    spec=TaskSpec(horizon=40),
-    policies=(PolicySource(label="random", name="random"),),
-    n_steps=400,
-    part_episodes=8,
-)
+TINY = tiny.TINY.model_copy(update={"id": "coop_nav-tiny-mini-v0"})
 
 
-def run(*arguments: str | Path, code: int = 0) -> str:
-    result = CliRunner().invoke(app, ["registry", *map(str, arguments)])
-    assert result.exit_code == code, result.output
-    return result.output
+run = partial(command_line.run, "registry")
 
 
 @pytest.fixture

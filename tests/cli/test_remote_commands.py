@@ -1,5 +1,6 @@
 """The commands that push, pull and choose remotes."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -63,12 +64,7 @@ def test_what_is_nowhere(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_gate_is_shut(dataset: Path, address: str, tmp_path: Path) -> None:
-    bare = tmp_path / ID
-    bare.mkdir()
-    for path in dataset.rglob("*"):
-        if path.is_file() and path.name != "card.md":
-            (bare / path.relative_to(dataset)).parent.mkdir(parents=True, exist_ok=True)
-            (bare / path.relative_to(dataset)).write_bytes(path.read_bytes())
+    bare = shutil.copytree(dataset, tmp_path / ID, ignore=shutil.ignore_patterns("card.md"))
     shown = run("push", str(bare), address, code=1)
     assert "GateError" in shown
     assert "there is no card.md" in shown

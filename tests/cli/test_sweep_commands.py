@@ -1,22 +1,18 @@
 """`swarmdata sweep`: what it prints, and one clear message where there is nothing to measure."""
 
+from functools import partial
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
-from swarmdata.cli.main import app
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.numerics.random import block_seeds
+from tests.support import command_line
 from tests.support.drawn import save_empty_figures
 
-
-def run(*arguments: str | Path, code: int = 0) -> str:
-    result = CliRunner().invoke(app, ["sweep", *map(str, arguments)])
-    assert result.exit_code == code, result.output
-    return result.output
+run = partial(command_line.run, "sweep")
 
 
 @pytest.fixture(autouse=True)

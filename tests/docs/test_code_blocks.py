@@ -157,14 +157,9 @@ def workplace(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("page", DOCUMENTS, ids=name_of)
-def test_blocks_have_a_language_that_is_tested(page: Path) -> None:
+def test_blocks_have_a_language_that_is_tested_and_yaml_is_valid(page: Path) -> None:
     for block in blocks(page):
         assert block.language in ("python", "yaml", *PLAIN), f"{page.name}:{block.line}"
-
-
-@pytest.mark.parametrize("page", DOCUMENTS, ids=name_of)
-def test_yaml_blocks_are_valid_files(page: Path) -> None:
-    for block in blocks(page):
         if block.language == "yaml" and not block.reason:
             keys = yaml.safe_load(block.text)
             kinds: dict[str, type[Frozen]] = {"policies": Recipe, "datasets": Study, "each": LogMap}

@@ -25,6 +25,8 @@ MARK_WIDTH, MARK_HEIGHT, MARK_ROOM = 170.0, 18.0, 6.0
 LINES_TOP, TICKS_WIDTH, LABELS_WIDTH, LEAST_HEIGHT, LABEL_HEIGHT = 28.0, 52.0, 170.0, 300.0, 15.0
 """Of a chart of lines."""
 
+RIGHT = WIDTH - LABELS_WIDTH
+
 MOST_BANDS = 8
 """Lines up to which bands are drawn: more would hide each other."""
 
@@ -78,12 +80,9 @@ def nice_axis(values: Sequence[float], start: float, end: float) -> Axis:
 
 
 def score_axis(estimates: Sequence[Estimate], data: float | None, low: float) -> Axis:
-    """Returns the axis of the intervals of a table.
+    """Returns the axis of a table's intervals, and of the mean of the dataset's own episodes.
 
-    Args:
-        estimates: all of the table; undefined ones are left out.
-        data: the mean of the dataset's own episodes; None: not known.
-        low: where the axis begins at the latest, so that one bad row does not squeeze the others.
+    It does not begin below `low`, so that one bad row does not squeeze the others.
     """
     ends = [end for each in estimates for end in each if not math.isnan(end)]
     ends += [] if data is None else [data]
@@ -93,11 +92,8 @@ def score_axis(estimates: Sequence[Estimate], data: float | None, low: float) ->
 def interval_drawing(found: Estimate, axis: Axis, data: float | None, series: int) -> Html:
     """Draws an estimate as a disc on the line of its interval, for one row of a table.
 
-    Args:
-        found: the estimate; below the axis, it is an arrow to the left.
-        axis: of the table.
-        data: the mean of the dataset's own episodes, an upright line; None: not known.
-        series: which color.
+    Below the axis, it is an arrow to the left. `data`, the mean of the dataset's own episodes if it
+    is known, is an upright line.
     """
     middle, parts = MARK_HEIGHT / 2, []
     if data is not None:
@@ -137,16 +133,11 @@ def line_chart(
 ) -> Html:
     """Draws a line with a band for each label; labels stand beside the ends of their lines.
 
-    Args:
-        lines: label -> estimates; none is empty.
-        series: label -> which color; the dashes of lines of one color differ.
-        x_name: of the horizontal axis, with its unit.
-        y_name: of the vertical axis, with its unit.
-        title: for screen readers.
+    Lines of one color, `series[label]`, differ in their dashes; the title is for screen readers.
     """
     height = max(LEAST_HEIGHT, LINES_TOP + BOTTOM + LABEL_HEIGHT * len(lines))
     base = height - BOTTOM
-    across = nice_axis([x for line in lines.values() for x in line], TICKS_WIDTH, _right())
+    across = nice_axis([x for line in lines.values() for x in line], TICKS_WIDTH, RIGHT)
     ends = [value for line in lines.values() for each in line.values() for value in each]
     up = nice_axis(ends, base, LINES_TOP)
     last = np.array([up.place([*line.values()][-1].value) for line in lines.values()])
@@ -154,7 +145,7 @@ def line_chart(
     places = LINES_TOP + span * spread_labels((last - LINES_TOP) / span, LABEL_HEIGHT / span)
     parts = [_axes(across, up, x_name, y_name)]
     for k, ((label, line), y) in enumerate(zip(lines.items(), places.tolist(), strict=True)):
-        name = svg_shapes.text((_right() + 8, y + 4), words_of(label), class_="name")
+        name = svg_shapes.text((RIGHT + 8, y + 4), words_of(label), class_="name")
         before = [series[other] for other in list(lines)[:k]].count(series[label])
         looks = f"line series-{series[label]} dashed-{before % N_DASHES}"
         shapes = _line(line, across, up, has_band=len(lines) <= MOST_BANDS)
@@ -162,20 +153,16 @@ def line_chart(
     return svg_shapes.drawing(WIDTH, height, title, *parts, class_="chart")
 
 
-def _right() -> float:
-    return WIDTH - LABELS_WIDTH
-
-
 def _axes(across: Axis, up: Axis, x_name: str, y_name: str) -> Html:
     base, parts = up.start, []
     for tick in up.ticks:
         y = up.place(tick)
-        parts.append(svg_shapes.line((TICKS_WIDTH, y), (_right(), y), class_="grid"))
+        parts.append(svg_shapes.line((TICKS_WIDTH, y), (RIGHT, y), class_="grid"))
         parts.append(svg_shapes.text((TICKS_WIDTH - 8, y + 4), up.label(tick), text_anchor="end"))
     for tick in across.ticks:
         at = across.place(tick), base + 16
         parts.append(svg_shapes.text(at, across.label(tick), text_anchor="middle"))
-    parts.append(svg_shapes.text((_right(), base + 36), x_name, text_anchor="end"))
+    parts.append(svg_shapes.text((RIGHT, base + 36), x_name, text_anchor="end"))
     parts.append(svg_shapes.text((TICKS_WIDTH, LINES_TOP - 12), y_name, class_="quantity"))
     return element("g", *parts, class_="axis")
 
@@ -192,12 +179,7 @@ def _line(line: Line, across: Axis, up: Axis, *, has_band: bool) -> list[Html]:
 
 
 def rewards_drawing(rewards: Float, label: str) -> Html:
-    """Draws the rewards of each agent so far as a line.
-
-    Args:
-        rewards: of an episode, [T, N].
-        label: for screen readers.
-    """
+    """Draws the rewards of each agent so far, of [T, N], as a line."""
     shown = rewards[:, :MOST_AGENTS].astype(np.float64)
     sums = np.cumsum(np.where(np.isfinite(shown), shown, 0.0), axis=0)
     sums = np.concatenate([np.zeros_like(sums[:1]), sums])

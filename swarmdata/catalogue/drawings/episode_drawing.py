@@ -27,13 +27,9 @@ Places = Callable[[NDArray[Any]], list[Point]]
 
 
 def episode_drawing(spec: TaskSpec, layout: Float, states: Float, label: str) -> Html:
-    """Draws an episode, or a world at its start.
+    """Draws an episode, of all states [T+1, S], or a world at its start, of one.
 
-    Args:
-        spec: of the task.
-        layout: obstacles, columns `geometry.OBSTACLE`, [M, 8].
-        states: all states, [T+1, S], or one.
-        label: for screen readers.
+    Rows of the layout are obstacles, columns `geometry.OBSTACLE`, [M, 8].
     """
     scale = SIDE / max(spec.arena.width, spec.arena.height)
     width, height = spec.arena.width * scale, spec.arena.height * scale
@@ -49,14 +45,19 @@ def episode_drawing(spec: TaskSpec, layout: Float, states: Float, label: str) ->
     scene = build_scene(spec, layout, some[-1])
     parts = [_obstacle(row, places, scale) for row in layout]
     parts += _bodies(scene, places)
-    marks = [(each.robot, _mark(scene, each, place, scale)) for each in _targets(scene)]
+    targets = (
+        []
+        if scene.look.mark == "pose"
+        else targets_of(scene.look, spec, scene.robots, scene.extras)
+    )
+    marks = [(each.robot, _mark(scene, each, place, scale)) for each in targets]
     parts += [mark for robot, mark in marks if robot is None]
     own = dict(marks)
     for i, robot in enumerate(spec.robots):
-        color = "#{:02x}{:02x}{:02x}".format(*robot_color(i))
         way = svg_shapes.path(places(ways[:, i][:, [X, Y]]), class_="way") if len(some) > 1 else ""
         at = place(*ways[-1, i, [X, Y]].tolist())
         body = svg_shapes.disc(at, robot.radius * scale, class_="robot")
+        color = svg_shapes.hex_color(robot_color(i))
         parts.append(element("g", own.get(i, ""), way, body, color=color))
     return svg_shapes.drawing(width, height, label, *parts, class_="world")
 
@@ -82,13 +83,6 @@ def _bodies(scene: Scene, places: Places) -> list[Html]:
         outline = payload_outline(payload, body[:2], body[4:6])
         found.append(svg_shapes.path(places(outline), closed=True, class_="payload"))
     return found
-
-
-def _targets(scene: Scene) -> list[Target]:
-    look = scene.look
-    if look.mark == "pose":
-        return []
-    return targets_of(look, scene.spec, scene.robots, scene.extras)
 
 
 def _mark(

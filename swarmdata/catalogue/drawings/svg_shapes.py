@@ -7,6 +7,11 @@ from swarmdata.catalogue.elements import Html, element
 Point = tuple[float, float]
 
 
+def hex_color(color: tuple[int, int, int]) -> str:
+    """Returns a color in the notation of style sheets."""
+    return "#{:02x}{:02x}{:02x}".format(*color)
+
+
 def number(value: float) -> str:
     """Returns a number with at most one decimal."""
     text = f"{value:.1f}"
@@ -36,18 +41,11 @@ def text(at: Point, words: str, **attributes: object) -> Html:
     return element("text", words, x=number(at[0]), y=number(at[1]), **attributes)
 
 
-def drawing(
-    width: float, height: float, label: str, *content: object, class_: str, role: str = "img"
-) -> Html:
+def drawing(width: float, height: float, label: str, *content: object, class_: str) -> Html:
     """Returns an SVG with a name for screen readers."""
+    size, title = f"0 0 {number(width)} {number(height)}", element("title", label)
     return element(
-        "svg",
-        element("title", label),
-        *content,
-        viewBox=f"0 0 {number(width)} {number(height)}",
-        role=role,
-        aria_label=label,
-        class_=class_,
+        "svg", title, *content, viewBox=size, role="img", aria_label=label, class_=class_
     )
 
 

@@ -1,13 +1,18 @@
 """The page of one dataset: task, replay, how to get it, best results, reward, arrays, episodes."""
 
+import re
 from collections.abc import Sequence
+from typing import Any
 from urllib.parse import urlencode
+
+from markdown_it import MarkdownIt
+from markdown_it.renderer import RendererHTML
+from markdown_it.token import Token
 
 from swarmdata.catalogue.boards import Board
 from swarmdata.catalogue.drawings import svg_shapes
-from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.catalogue.elements import Html, element, join, section
 from swarmdata.catalogue.entries import Entry, in_sizes
-from swarmdata.catalogue.pages.card_html import card_html
 from swarmdata.catalogue.pages.figures_shown import compact, count, percent
 from swarmdata.catalogue.pages.getting import get_part
 from swarmdata.catalogue.pages.page_frame import Page
@@ -19,9 +24,20 @@ from swarmdata.catalogue.pages.results_tables import (
     zoo_differences,
 )
 from swarmdata.catalogue.pages.task_facts import arrays_part, lead, reward_part
-from swarmdata.catalogue.pages.viewer_parts import browser_part, series_viewer, world_viewer
+from swarmdata.catalogue.pages.viewer_parts import episode_table, series_viewer, world_viewer
 from swarmdata.specs.model_choice import is_same_world
 from swarmdata.specs.origins import Spec
+
+COLUMNS = {
+    "index": "episode",
+    "policy": "policy",
+    "end": "outcome",
+    "return": "return",
+    "length": "steps",
+    "collisions": "collisions",
+    "split": "split",
+}
+"""Columns of the table of episodes: key and head."""
 
 MOST_BASELINES = 12
 """Results on a dataset's page; the results page has all."""
@@ -35,6 +51,11 @@ WORLD_SCRIPTS = (
 )
 SERIES_SCRIPTS = (*VIEWER_SCRIPTS, "lines.js", "pictures.js", "series_page.js")
 
+_FRONT_MATTER = re.compile(r"\A---\n.*?\n---\n", re.DOTALL)
+
+_LINK = re.compile(r"https?://|(?![\w+.-]*:)")
+"""Targets of links: web addresses, and what is relative."""
+
 
 def dataset_page(
     entry: Entry,
@@ -44,15 +65,9 @@ def dataset_page(
     entries: Sequence[Entry],
     results: Sequence[Board],
 ) -> Page:
-    """Returns the page of a dataset.
+    """Returns the page of a dataset, of which `n_shown` episodes are shown through a spec's models.
 
-    Args:
-        entry: of the dataset.
-        spec: through whose models its episodes are shown.
-        n_shown: episodes that are shown; 0: none.
-        picture: drawing of the dataset.
-        entries: all of the catalogue: those of its task are linked, and shown beside it.
-        results: all leaderboards; the best of this dataset's are listed.
+    Entries of its task are linked, and shown beside it.
     """
     is_world = spec.world is not None
     scripts: tuple[str, ...] = ("core.js", "ready.js")
@@ -62,25 +77,23 @@ def dataset_page(
         viewer = series_viewer()
         if spec.world is not None and entry.spec.world is not None:
             viewer = world_viewer(spec.world, entry.spec.world)
-        browser = browser_part(_sample(entry, n_shown), has_collisions=is_world)
+        columns = {k: head for k, head in COLUMNS.items() if is_world or k != "collisions"}
+        choices = {"policy": "Policy", "split": "Split"}
+        browser = episode_table(columns, _sample(entry, n_shown), choices)
+    reward = "" if entry.reward_spec is None else reward_part(entry.reward_spec)
     body = join(
         element("p", element("a", "‹ All datasets", href="../index.html"), class_="crumbs"),
         element("div", element("h1", entry.id), _sizes(entry, entries), class_="top"),
         element("p", lead(entry), class_="lead"),
         _tiers(entry, entries),
         element("div", viewer, get_part(entry, spec), _baselines(entry, results), class_="dataset"),
-        element(
-            "div",
-            *([] if entry.reward_spec is None else [reward_part(entry.reward_spec)]),
-            arrays_part(entry),
-            class_="halves",
-        ),
+        element("div", reward, arrays_part(entry), class_="halves"),
         browser,
         _card(entry),
     )
     peers = [other.id for other in entries if _is_peer(entry, other)]
-    data = {"key": entry.key, "peers": peers, "root": "../"}
-    return Page(f"datasets/{entry.key}.html", f"{entry.id}: swarmdata", body, scripts, data)
+    data = {"key": entry.id, "peers": peers, "root": "../"}
+    return Page(f"datasets/{entry.id}.html", f"{entry.id}: swarmdata", body, scripts, data)
 
 
 def _is_peer(entry: Entry, other: Entry) -> bool:
@@ -96,18 +109,9 @@ def _is_peer(entry: Entry, other: Entry) -> bool:
 def _sizes(entry: Entry, entries: Sequence[Entry]) -> Html:
     """The switch between the full dataset and its mini, where the catalogue has both."""
     sizes = [each for each in entries if each.full_id == entry.full_id]
-    if len(sizes) < 2:
-        return join()
-    links = [
-        element(
-            "a",
-            f"{'Mini' if each.is_mini else 'Full'} · {compact(each.n_steps)} steps",
-            href=f"{each.key}.html",
-            aria_current="page" if each is entry else None,
-        )
-        for each in sorted(sizes, key=lambda each: each.is_mini)
-    ]
-    return element("nav", *links, class_="sizes", aria_label="Size")
+    sizes.sort(key=lambda each: each.is_mini)
+    texts = [(f"{'Mini' if e.is_mini else 'Full'} · {compact(e.n_steps)} steps",) for e in sizes]
+    return _switch(entry, sizes, texts, class_="sizes", aria_label="Size")
 
 
 def _tiers(entry: Entry, entries: Sequence[Entry]) -> Html:
@@ -116,21 +120,25 @@ def _tiers(entry: Entry, entries: Sequence[Entry]) -> Html:
     tiers = [
         next((s for s in sizes if s.is_mini == entry.is_mini), sizes[0]) for sizes in in_sizes(same)
     ]
-    if len(tiers) < 2:
-        return join()
     tiers.sort(key=lambda each: (each.success or 0.0, each.id))
     are_told_apart = len({each.tier for each in tiers}) == len(tiers)
-    items = [
-        element(
-            "a",
-            element("b", each.tier if are_told_apart else each.id),
-            *_solved(each),
-            href=f"{each.key}.html",
-            aria_current="page" if each is entry else None,
-        )
-        for each in tiers
+    texts = [
+        (element("b", each.tier if are_told_apart else each.id), *_solved(each)) for each in tiers
     ]
-    return element("nav", *items, class_="tiers", aria_label="Tiers of this task")
+    return _switch(entry, tiers, texts, class_="tiers", aria_label="Tiers of this task")
+
+
+def _switch(
+    entry: Entry, choices: Sequence[Entry], texts: Sequence[tuple[object, ...]], **attributes: str
+) -> Html:
+    """Links to datasets beside this one; empty where there is no other."""
+    if len(choices) < 2:
+        return join()
+    links = [
+        element("a", *text, href=f"{e.id}.html", aria_current="page" if e is entry else None)
+        for e, text in zip(choices, texts, strict=True)
+    ]
+    return element("nav", *links, **attributes)
 
 
 def _solved(entry: Entry) -> tuple[object, ...]:
@@ -161,37 +169,96 @@ def _sample(entry: Entry, n_shown: int) -> str:
 
 def _baselines(entry: Entry, results: Sequence[Board]) -> Html:
     """The best algorithms at one budget; beside a mini without results, on the full dataset."""
-    title = element("h2", "Offline algorithms, best first", id="results")
+    title = "Offline algorithms, best first"
     found = [board for board in results if board.name in (entry.id, entry.full_id)]
     if not found:
         text = element("p", "This catalogue has no results on it.", class_="note")
-        return element("section", title, text, aria_labelledby="results")
+        return section(title, "results", text)
     board = max(found, key=lambda each: (each.name == entry.id, each.dataset == each.name))
     rows = (board.of("algorithms") or list(board.rows))[:MOST_BASELINES]
     families = sorted({row.outcome.family for row in rows})
     series = series_of(results)
     address = f"../results.html#{urlencode({'dataset': board.dataset, 'group': 'all'})}"
     where = "" if board.name == entry.id else f"On the full dataset, {board.name}. "
-    return element(
-        "section",
+    return section(
         title,
+        "results",
         element("p", f"{where}{about(board)}", class_="note"),
         brief_table(board, rows, series, "../"),
         *zoo_differences(board),
         family_key(families, series),
         element("p", element("a", f"All {len(board.rows)} results", href=address)),
-        aria_labelledby="results",
     )
 
 
 def _card(entry: Entry) -> Html:
-    title = element("h2", "Card", id="card")
     if entry.card is None:
-        text = element(
-            "p",
-            "This dataset has no card yet: ",
-            element("code", f"swarmdata card {entry.id} --write"),
-        )
-        return element("section", title, text, aria_labelledby="card")
+        command = element("code", f"swarmdata card {entry.id} --write")
+        return section("Card", "card", element("p", "This dataset has no card yet: ", command))
     inside = element("details", element("summary", "The whole card"), card_html(entry.card))
-    return element("section", title, inside, class_="card-text", aria_labelledby="card")
+    return section("Card", "card", inside, class_="card-text")
+
+
+def card_html(text: str) -> Html:
+    """Returns a card without its front matter, title and picture, headings one level deeper.
+
+    It is CommonMark with tables, from which nothing becomes HTML of its own.
+    """
+    parser = _Parser("commonmark", {"html": False}, renderer_cls=_Renderer).enable("table")
+    tokens = parser.parse(_FRONT_MATTER.sub("", text))
+    left_out: set[int] = set()
+    for k in range(1, len(tokens)):
+        if _is_left_out(tokens[k - 1], tokens[k]):
+            left_out |= {k - 1, k, k + 1}
+    shown = [token for k, token in enumerate(tokens) if k not in left_out]
+    return Html(parser.renderer.render(shown, parser.options, {}))
+
+
+def _is_left_out(before: Token, token: Token) -> bool:
+    """Whether this is the text of the title, or of a paragraph with nothing but a picture."""
+    if before.type == "paragraph_open":
+        return all(each.type == "image" for each in token.children or ())
+    return before.type == "heading_open" and before.tag == "h1"
+
+
+class _Parser(MarkdownIt):
+    def validateLink(self, url: str) -> bool:  # noqa: N802  (the library's name)
+        return _LINK.match(url) is not None
+
+
+class _Renderer(RendererHTML):
+    """What pages have besides: scrolled code and tables, and a first cell that names its row."""
+
+    def heading_open(self, tokens: Sequence[Token], idx: int, *rest: Any) -> str:
+        tokens[idx].tag = f"h{min(6, int(tokens[idx].tag[1:]) + 1)}"
+        return self.renderToken(tokens, idx, *rest)
+
+    heading_close = heading_open
+
+    def fence(self, tokens: Sequence[Token], idx: int, *_: Any) -> str:
+        return element("pre", element("code", tokens[idx].content.rstrip("\n")), tabindex="0")
+
+    def code_block(self, *parts: Any) -> str:
+        return self.fence(*parts)
+
+    def image(self, *_: Any) -> str:
+        return ""
+
+    def link_open(self, tokens: Sequence[Token], idx: int, *rest: Any) -> str:
+        tokens[idx].attrSet("rel", "noopener")
+        return self.renderToken(tokens, idx, *rest)
+
+    def table_open(self, *_: Any) -> str:
+        return '<div class="wide"><table>'
+
+    def table_close(self, *_: Any) -> str:
+        return "</table></div>"
+
+    def th_open(self, *_: Any) -> str:  # without its style, which pages do not allow
+        return '<th scope="col">'
+
+    def td_open(self, tokens: Sequence[Token], idx: int, *_: Any) -> str:
+        return '<th scope="row">' if tokens[idx - 1].type == "tr_open" else "<td>"
+
+    def td_close(self, tokens: Sequence[Token], idx: int, *_: Any) -> str:
+        return "</th>" if tokens[idx - 3].type == "tr_open" else "</td>"

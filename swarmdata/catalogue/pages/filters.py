@@ -4,8 +4,6 @@ from collections.abc import Mapping, Sequence
 
 from swarmdata.catalogue.elements import Html, element
 
-NONE: Mapping[str, str] = {}
-
 
 def form(label: str, fields: Sequence[Html]) -> Html:
     """Returns the form, with a button that clears it."""
@@ -16,23 +14,17 @@ def form(label: str, fields: Sequence[Html]) -> Html:
 def choice(
     label: str,
     name: str,
-    values: Sequence[str],
+    values: Sequence[str] = (),
     *,
-    labels: Mapping[str, str] = NONE,
+    labels: Mapping[str, str] | None = None,
     default: str = "",
     every: str | None = "",
 ) -> Html:
-    """Returns a list to choose from.
+    """Returns a list to choose from, of values or of values with labels.
 
-    Args:
-        label: of the list.
-        name: in the address.
-        values: to choose from.
-        labels: of the values, where they differ.
-        default: chosen at first.
-        every: the value that stands for all; None: one has to be chosen.
+    `every` is the value that stands for all; None: one has to be chosen.
     """
-    known = {value: labels.get(value, value) for value in values}
+    known = labels or dict(zip(values, values, strict=True))
     if every is not None:
         known = {every: "all", **known}
     options = [element("option", v, value=k, selected=k == default) for k, v in known.items()]

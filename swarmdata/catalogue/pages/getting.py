@@ -6,7 +6,7 @@ import numpy as np
 
 from swarmdata import __version__
 from swarmdata.cards.references import LESS_COORDINATED
-from swarmdata.catalogue.elements import Html, element, join
+from swarmdata.catalogue.elements import Html, element, join, section
 from swarmdata.catalogue.entries import Entry
 from swarmdata.catalogue.pages.figures_shown import UNKNOWN, file_size, percent, score
 from swarmdata.datasets.action_scaling import action_scale, has_choices
@@ -18,36 +18,25 @@ from swarmdata.store.cache import cache_folder
 DIGITS = 12
 """Of a digest in print."""
 
-
 MOST_NAMES = 4
 """Policies that are named; the card has all."""
 
 
 def get_part(entry: Entry, spec: Spec) -> Html:
-    """Lines to copy, and the facts of a dataset.
-
-    Args:
-        entry: of the dataset.
-        spec: through whose models its episodes are shown.
-    """
+    """Lines to copy, and the facts of a dataset, which is shown through the spec's models."""
     name = _name_to_load(entry)
     models = ""
     if spec != entry.spec and spec.world is not None:
         models = "  # replayed here through other sensors or radios: see dataset.reobserve"
-    install = "pip install 'swarmdata[torch]'" if _is_learned(entry) else "pip install swarmdata"
     codes = {
-        "install": install,
+        "install": "pip install swarmdata",
         "python": f'import swarmdata\ndata = swarmdata.load("{name}"){models}',
     }
     if _is_learned(entry):
+        codes["install"] = "pip install 'swarmdata[torch]'"
         codes["shell"] = f"swarmdata train bc {shlex.quote(name)} --out runs/bc"
-    return element(
-        "section",
-        element("h2", "Get it", id="load"),
-        *(_snippet(key, text) for key, text in codes.items()),
-        _facts(entry),
-        aria_labelledby="load",
-    )
+    snippets = (_snippet(key, text) for key, text in codes.items())
+    return section("Get it", "load", *snippets, _facts(entry))
 
 
 def _snippet(key: str, text: str) -> Html:

@@ -122,7 +122,9 @@ def _questions(entries: Mapping[str, Entry]) -> Html:
     rows: list[tuple[object, ...]] = []
     for question, names, why in QUESTIONS:
         found = [entries[key] for name in names if (key := f"{name}-v{NEWEST_VERSION}") in entries]
-        links = [_dataset_link(entry) for entry in found]
+        links = [
+            element("span", _link(entry, entry.id), f" {percent(entry.success)}") for entry in found
+        ]
         if links:
             rows.append((question, join(*links), why))
     if not rows:
@@ -131,9 +133,8 @@ def _questions(entries: Mapping[str, Entry]) -> Html:
     return element("section", table(head, rows, class_="questions"), aria_label="Which dataset?")
 
 
-def _dataset_link(entry: Entry) -> Html:
-    link = element("a", entry.id, href=f"datasets/{entry.key}.html")
-    return element("span", link, f" {percent(entry.success)}")
+def _link(entry: Entry, text: str) -> Html:
+    return element("a", text, href=f"datasets/{entry.id}.html")
 
 
 def _filters(found: Sequence[Sizes]) -> Html:
@@ -149,25 +150,22 @@ def _filters(found: Sequence[Sizes]) -> Html:
             choice("Task", "task", sorted({entry.spec.task for entry in firsts})),
             choice("Tier", "tier", sorted({entry.tier for entry in firsts})),
             choice("Robots", "team", teams),
-            choice("Need for others", "need", list(NEEDS), labels=NEEDS),
+            choice("Need for others", "need", labels=NEEDS),
             choice("Messages", "messages", ["yes", "no"]),
             choice("Costs", "costs", ["yes", "no"]),
             choice("Source", "kind", sorted({entry.kind for entry in firsts})),
-            choice("Sort by", "sort", list(SORTS), labels=SORTS, default="shown", every=None),
+            choice("Sort by", "sort", labels=SORTS, default="shown", every=None),
             choice("Show as", "view", ["cards", "table"], default="cards", every=None),
             element("label", replays, " replays", class_="check"),
         ),
     )
 
 
-def _need(entry: Entry) -> str:
-    if entry.need is None:
-        return "unknown"
-    return "large" if entry.need >= LARGE_GAP else "small"
-
-
 def _card(sizes: Sizes, pictures: Mapping[str, Html]) -> Html:
     entry, shown = sizes[0], [each for each in sizes if each.dataset is not None]
+    need = "unknown"
+    if entry.need is not None:
+        need = "large" if entry.need >= LARGE_GAP else "small"
     picture = pictures.get((shown or sizes)[0].id, join())
     facts = [
         ("robots" if entry.spec.world else "agents", str(entry.spec.n_agents)),
@@ -182,7 +180,7 @@ def _card(sizes: Sizes, pictures: Mapping[str, Html]) -> Html:
     return element(
         "li",
         element("div", picture, class_="picture"),
-        element("h2", element("a", entry.full_id, href=f"datasets/{entry.key}.html")),
+        element("h2", _link(entry, entry.full_id)),
         element("dl", *figures),
         element("div", *links, class_="sizes", role="group", aria_label="Sizes"),
         class_="card",
@@ -190,7 +188,7 @@ def _card(sizes: Sizes, pictures: Mapping[str, Html]) -> Html:
         data_task=entry.spec.task,
         data_tier=entry.tier,
         data_team=entry.spec.n_agents,
-        data_need=_need(entry),
+        data_need=need,
         data_gap=_plain(entry.need),
         data_messages="yes" if entry.has_messages else "no",
         data_costs="no" if entry.collisions is None else "yes",
@@ -216,27 +214,23 @@ def _size_link(entry: Entry) -> Html:
         "a",
         f"{mark}{name}",
         size,
-        href=f"datasets/{entry.key}.html",
+        href=f"datasets/{entry.id}.html",
         aria_label=f"{entry.id}{', with replays' if mark else ''}",
     )
 
 
-HEADS = ("task", "tier", "robots", "solved (%)", "clean (%)", "score", "gap", "collisions")
-"""Columns of the table, after the name and before the sizes."""
+NUMBERS = ("robots", "solved (%)", "clean (%)", "score", "gap", "collisions")
+HEADS = ("dataset", "task", "tier", *NUMBERS, "messages", "source", "size")
+"""Columns of the table."""
 
 
 def _table(found: Sequence[Sizes]) -> Html:
     """The same datasets as a table, which is sorted by a click on its heads."""
-    numbers = HEADS[2:]
-    head = [element("th", "dataset", scope="col")]
-    head += [
-        element("th", name, scope="col", class_="n" if name in numbers else None) for name in HEADS
+    head = [
+        element("th", name, scope="col", class_="n" if name in NUMBERS else None) for name in HEADS
     ]
-    head += [element("th", name, scope="col") for name in ("messages", "source", "size")]
-    inside = join(
-        element("thead", element("tr", *head)), element("tbody", *(_row(each) for each in found))
-    )
-    rows = element("table", inside, class_="sortable")
+    body = element("tbody", *(_row(each) for each in found))
+    rows = element("table", element("thead", element("tr", *head)), body, class_="sortable")
     return element(
         "div", rows, id="table", class_="wide", hidden=True, tabindex="0", role="region",
         aria_label="Datasets",
@@ -248,7 +242,7 @@ def _row(sizes: Sizes) -> Html:
     links = [_size_link(each) for each in sizes]
     return element(
         "tr",
-        element("th", element("a", entry.full_id, href=f"datasets/{entry.key}.html"), scope="row"),
+        element("th", _link(entry, entry.full_id), scope="row"),
         element("td", entry.spec.task),
         element("td", entry.tier),
         _number(float(entry.spec.n_agents), 0),

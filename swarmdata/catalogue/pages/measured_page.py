@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from swarmdata.catalogue.elements import Html, element, join, table
+from swarmdata.catalogue.elements import Html, element, join, section, table
 from swarmdata.catalogue.pages.dataset_page import TABLE_SCRIPTS, WORLD_SCRIPTS
 from swarmdata.catalogue.pages.figures_shown import interval
 from swarmdata.catalogue.pages.page_frame import Page
@@ -37,7 +37,7 @@ def measured_page(
     scripts: tuple[str, ...] = (*TABLE_SCRIPTS, "measured_page.js")
     if n_replays and spec.world is not None:
         viewer, scripts = world_viewer(spec.world, spec.world), WORLD_SCRIPTS
-    columns = [(key, HEADS[key]) for key in measured_columns(outcome.results)]
+    columns = {key: HEADS[key] for key in measured_columns(outcome.results)}
     n = len(outcome.results[0].evaluation.seeds)
     text = f"All {n:,} measured episodes of each run, numbered by their evaluation seeds."
     if n_replays:
@@ -71,18 +71,14 @@ def _facts(source: ResultSource, outcome: Outcome) -> Html:
         ("family", outcome.family),
         ("training seeds", str(outcome.n_runs)),
         ("updates", outcome.updates or "–"),
-        *([("rewards", outcome.rewards)] if outcome.rewards else []),
-        *(
-            (head, interval(outcome.estimates[name], factor, digits))
-            for name, head, factor, digits in QUANTITIES
-            if name in outcome.estimates
-        ),
-        *(
-            [("score difference", zoo_difference(outcome.difference))]
-            if outcome.difference is not None
-            else []
-        ),
     ]
+    if outcome.rewards:
+        facts.append(("rewards", outcome.rewards))
+    for name, head, factor, digits in QUANTITIES:
+        if name in outcome.estimates:
+            facts.append((head, interval(outcome.estimates[name], factor, digits)))
+    if outcome.difference is not None:
+        facts.append(("score difference", zoo_difference(outcome.difference)))
     figures = [join(element("dt", name), element("dd", value)) for name, value in facts]
     return element("dl", *figures, class_="facts across")
 
@@ -103,26 +99,20 @@ def _why_absent(outcome: Outcome, n_replays: int) -> str:
 
 def _runs(results: Sequence[Result]) -> Html:
     shown = [
-        each for each in RUN_FIGURES if any(_mean(one, each[0]) is not None for one in results)
+        each for each in RUN_FIGURES if not all(math.isnan(_mean(one, each[0])) for one in results)
     ]
     rows: list[tuple[object, ...]] = []
     for name, result in zip(run_names(results), results, strict=True):
-        figures = []
-        for key, _, factor, digits in shown:
-            mean = _mean(result, key)
-            figures.append("–" if mean is None else f"{factor * mean:.{digits}f}")
+        figures = [
+            "–" if math.isnan(mean := _mean(result, key)) else f"{factor * mean:.{digits}f}"
+            for key, _, factor, digits in shown
+        ]
         rows.append((name, *figures, result.run_name or "not kept"))
     head = ("run", *(each[1] for each in shown), "run folder")
-    return element(
-        "section",
-        element("h2", "Runs", id="runs"),
-        element("p", "Means over the episodes of each training seed."),
-        table(head, rows),
-        aria_labelledby="runs",
-    )
+    text = element("p", "Means over the episodes of each training seed.")
+    return section("Runs", "runs", text, table(head, rows))
 
 
-def _mean(result: Result, name: str) -> float | None:
+def _mean(result: Result, name: str) -> float:
     values = result.evaluation.metrics.get(name)
-    mean = math.nan if values is None else float(np.mean(values))
-    return None if math.isnan(mean) else mean
+    return math.nan if values is None else float(np.mean(values))

@@ -24,13 +24,7 @@ SCRIPTS = ("core.js", "filters.js", "sorting.js", "results_page.js")
 def results_page(
     found: Sequence[Board], sources: Sequence[ResultSource], known: frozenset[str]
 ) -> Page:
-    """Returns the page of results.
-
-    Args:
-        found: all leaderboards.
-        sources: of studies and of one's own, with their charts.
-        known: ids of datasets that have a page.
-    """
+    """Returns the page of results; `known` are the ids of datasets that have a page."""
     body = join(
         element("h1", "Results"),
         element(
@@ -44,13 +38,8 @@ def results_page(
         *(_leaderboards(found, known) if found else [_nothing()]),
         *(_charts(each, series_of(found)) for each in sources if each.charts),
     )
-    return Page(
-        "results.html",
-        "swarmdata: results",
-        body,
-        SCRIPTS if found else ("core.js", "ready.js"),
-        {},
-    )
+    scripts = SCRIPTS if found else ("core.js", "ready.js")
+    return Page("results.html", "swarmdata: results", body, scripts, {})
 
 
 def _nothing() -> Html:
@@ -69,11 +58,10 @@ def _leaderboards(found: Sequence[Board], known: frozenset[str]) -> list[Html]:
     series = series_of(found)
     largest = max(found, key=lambda board: len(board.of("algorithms"))).dataset
     search = element("input", type="search", name="search", placeholder="algorithm or family")
+    names = [board.dataset for board in found]
     fields = (
-        choice(
-            "Dataset", "dataset", [board.dataset for board in found], default=largest, every=None
-        ),
-        choice("Results", "group", list(GROUPS), labels=GROUPS, default="algorithms", every="all"),
+        choice("Dataset", "dataset", names, default=largest, every=None),
+        choice("Results", "group", labels=GROUPS, default="algorithms", every="all"),
         element("label", "Search", search),
     )
     sections = [_section(board, series, known, f"board-{k}") for k, board in enumerate(found)]

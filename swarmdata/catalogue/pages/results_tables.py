@@ -99,9 +99,9 @@ def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *,
             _number(str(row.outcome.n_runs or "–"), row.outcome.n_runs),
             _number(row.outcome.updates or "–", row.outcome.updates),
             element("td", row.outcome.family),
-            element("td", _source(row), class_="source", title=_place(row)),
+            _source(row),
             data_group=row.group,
-            data_text=_searched(row),
+            data_text=" ".join(_searched(row)).lower(),
         )
         for row in rows
     ]
@@ -149,15 +149,12 @@ def _ranked(
     board: Board, row: Row, axis: Axis, series: Mapping[str, int], root: str
 ) -> tuple[Html, ...]:
     """The label of a row, the estimate by which it is ranked, and a drawing of it."""
-    outcome, name = row.outcome, board.quantity
-    found = outcome.estimates.get(name, UNDEFINED)
+    outcome = row.outcome
+    found = outcome.estimates.get(board.quantity, UNDEFINED)
     drawn = interval_drawing(found, axis, _data(board), series[outcome.family])
-    _, head, factor, digits = next(each for each in QUANTITIES if each[0] == name)
-    return (
-        _label(outcome, root),
-        _estimate(outcome, name, head, factor, digits),
-        element("td", drawn, class_="drawn"),
-    )
+    quantity = next(each for each in QUANTITIES if each[0] == board.quantity)
+    cell = element("td", drawn, class_="drawn")
+    return _label(outcome, root), _estimate(outcome, *quantity), cell
 
 
 def _head(name: str, *, is_low: bool = False) -> Html:
@@ -185,18 +182,14 @@ def _estimate(outcome: Outcome, name: str, _: str, factor: float, decimals: int)
     return element("td", text, class_="n", data_value=f"{value:.8g}")
 
 
-def _searched(row: Row) -> str:
+def _searched(row: Row) -> tuple[str, ...]:
     label = row.outcome.label
-    return f"{label} {words_of(label)} {row.outcome.family} {row.source.title}".lower()
+    return label, words_of(label), row.outcome.family, row.source.title
 
 
-def _source(row: Row) -> str:
-    name = Path(row.source.place).name
-    if row.source.is_verified:
-        return f"{name} (verified)"
-    return f"{name} (yours)" if row.source.is_own else name
-
-
-def _place(row: Row) -> str:
+def _source(row: Row) -> Html:
+    source = row.source
     runs = f"; runs {', '.join(row.outcome.runs)}" if row.outcome.runs else ""
-    return f"{row.source.title}, {row.source.place}{runs}"
+    mark = " (verified)" if source.is_verified else " (yours)" if source.is_own else ""
+    title = f"{source.title}, {source.place}{runs}"
+    return element("td", f"{Path(source.place).name}{mark}", class_="source", title=title)

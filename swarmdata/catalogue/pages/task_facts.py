@@ -5,7 +5,7 @@ import re
 import sys
 from collections.abc import Sequence
 
-from swarmdata.catalogue.elements import Html, element, join, table
+from swarmdata.catalogue.elements import Html, element, join, section, table
 from swarmdata.catalogue.entries import Entry
 from swarmdata.catalogue.pages.figures_shown import count
 from swarmdata.datasets.dataset import Dataset
@@ -62,13 +62,8 @@ def reward_part(spec: TaskSpec) -> Html:
             f"A robot gets {1 - share:g} of its own sum and {share:g} of its {whose}'s mean. {note}"
         )
     code = element("code", "dataset.with_rewards(robot_collision=2.0)")
-    return element(
-        "section",
-        element("h2", "Reward of a robot", id="reward"),
-        table(("term", "weight", "each step"), rows, class_="terms"),
-        element("p", note, code, class_="note"),
-        aria_labelledby="reward",
-    )
+    terms = table(("term", "weight", "each step"), rows, class_="terms")
+    return section("Reward of a robot", "reward", terms, element("p", note, code, class_="note"))
 
 
 def arrays_part(entry: Entry) -> Html:
@@ -81,13 +76,9 @@ def arrays_part(entry: Entry) -> Html:
         rows = stored if spec is None else [row for row in rows if row[0] in names]
     shown: list[tuple[object, ...]] = [(element("code", name), *rest) for name, *rest in rows]
     agents = "robots" if spec is not None else "agents"
-    return element(
-        "section",
-        element("h2", "Arrays of an episode", id="arrays"),
-        element("p", f"T steps, {entry.spec.n_agents} {agents}.", class_="note"),
-        table(("array", "shape", "columns"), shown, class_="arrays"),
-        aria_labelledby="arrays",
-    )
+    text = element("p", f"T steps, {entry.spec.n_agents} {agents}.", class_="note")
+    arrays = table(("array", "shape", "columns"), shown, class_="arrays")
+    return section("Arrays of an episode", "arrays", text, arrays)
 
 
 def _world_rows(task: Task) -> list[tuple[str, str, str]]:
@@ -109,17 +100,13 @@ def _world_rows(task: Task) -> list[tuple[str, str, str]]:
 
 def column_names(columns: Sequence[Column]) -> str:
     """The names of columns, those of numbered slots once: `3 × neighbor: dx, dy`."""
-    slots: dict[str, list[str]] = {}
-    leaves: dict[str, list[str]] = {}
+    slots: dict[str, set[str]] = {}
+    leaves: dict[str, dict[str, None]] = {}  # in their order
     for column in columns:
         slot, _, leaf = column.name.rpartition(".")
         kind = _INDEX.sub("", slot)
-        if slot not in slots.setdefault(kind, []):
-            slots[kind].append(slot)
-        names = leaves.setdefault(kind, [])
-        plain = re.sub(r"_\d+$", "_*", leaf) if re.fullmatch(r"\w+_\d+", leaf) else leaf
-        if plain not in names:
-            names.append(plain)
+        slots.setdefault(kind, set()).add(slot)
+        leaves.setdefault(kind, {})[_INDEX.sub("_*", leaf)] = None
     parts = []
     for kind, names in leaves.items():
         count = f"{len(slots[kind])} × " if len(slots[kind]) > 1 else ""

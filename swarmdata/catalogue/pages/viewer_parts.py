@@ -1,6 +1,6 @@
 """The parts of a dataset's page that scripts fill: the viewer and the table of episodes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 from swarmdata.catalogue.elements import Html, element, join
 from swarmdata.registry.components import appearance_of
@@ -10,19 +10,10 @@ from swarmdata.specs.task_spec import TaskSpec
 
 SPEEDS = ("0.25", "0.5", "1", "2", "4", "8")
 
-COLUMNS = (
-    ("index", "episode"),
-    ("policy", "policy"),
-    ("end", "outcome"),
-    ("return", "return"),
-    ("length", "steps"),
-    ("collisions", "collisions"),
-    ("split", "split"),
-)
-"""Columns of the table of episodes: key and head."""
-
 NUMBERS = frozenset({"return", "length", "time", "collisions"})
 """Columns that are aligned to the right."""
+
+SLIDER = element("input", type="range", min="0", value="0", aria_label="Time")
 
 KEYS = (
     ("Space", "play or pause"),
@@ -32,45 +23,40 @@ KEYS = (
 
 
 def world_viewer(spec: TaskSpec, recorded: TaskSpec) -> Html:
-    """The viewer of replays, for one episode or two.
-
-    Args:
-        spec: with the models that are shown.
-        recorded: with those that were recorded.
-    """
+    """The viewer of replays, for one episode or two, with the models shown and those recorded."""
     options = [("trails", "trails", True), ("targets", "targets", True)]
     if _has_visible_sensors(spec):
         options.append(("sensors", "sensors", False))
     if isinstance(spec.communication, Broadcast):
         options.append(("radio", "radio", True))
     options.append(("numbers", "numbers", False))
-    toggles = [
-        element("label", _toggle(key, is_on), f" {label}", class_="check")
-        for key, label, is_on in options
-    ]
-    stage = _stage(_canvas(), is_titled=False)
+    toggles = []
+    for key, label, is_on in options:
+        toggle = element("input", type="checkbox", data_option=key, checked=is_on)
+        toggles.append(element("label", toggle, f" {label}", class_="check"))
+    canvas = element("canvas", role="img", aria_label="Replay of an episode")
     tracks = [
-        element("svg", class_="track", aria_hidden="true"),
-        element("svg", class_="track", aria_hidden="true", hidden=True),
+        element("svg", class_="track", aria_hidden="true", hidden=hidden)
+        for hidden in (False, True)
     ]
-    events = element("details", element("summary", "Events"), element("ol"), class_="events")
-    parts = (
-        stage,
-        element("div", *tracks, _slider(), class_="time"),
+    text = f"Shown with {describe(spec)}. The policies acted with {describe(recorded)}."
+    return _viewer(
+        "s",
+        _stage(canvas, is_titled=False),
+        element("div", *tracks, SLIDER, class_="time"),
         _controls(),
         element("fieldset", element("legend", "Show"), *toggles, class_="toggles"),
         _legend(spec),
-        *_reobserved(spec, recorded),
-        events,
+        element("p", text, class_="legend") if spec != recorded else "",
+        element("details", element("summary", "Events"), element("ol"), class_="events"),
     )
-    return _viewer(parts, "s")
 
 
 def series_viewer() -> Html:
     """The viewer of arrays over time, for one episode or two."""
     content = join(element("div", class_="pictures", hidden=True), element("div", class_="lines"))
-    time = element("div", _slider(), class_="time")
-    return _viewer((time, _controls(), _stage(content, is_titled=True)), "steps")
+    time = element("div", SLIDER, class_="time")
+    return _viewer("steps", time, _controls(), _stage(content, is_titled=True))
 
 
 def _stage(content: Html, *, is_titled: bool) -> Html:
@@ -81,48 +67,25 @@ def _stage(content: Html, *, is_titled: bool) -> Html:
         element("label", "Episode", element("input", name="other", type="number", min="0")),
         class_="choice",
     )
-    first, second = (
-        element("figcaption", element("span", class_="outcome"), *more) for more in ((), (choice,))
-    )
-    return element(
-        "div",
-        element("figure", *((first, content) if is_titled else (content, first))),
-        element("figure", *((second, content) if is_titled else (content, second)), hidden=True),
-        class_="stage",
-    )
+    figures = []
+    for more in ((), (choice,)):
+        caption = element("figcaption", element("span", class_="outcome"), *more)
+        parts = (caption, content) if is_titled else (content, caption)
+        figures.append(element("figure", *parts, hidden=bool(more)))
+    return element("div", *figures, class_="stage")
 
 
-def browser_part(sample: str, *, has_collisions: bool) -> Html:
-    """Histograms and the table of episodes.
-
-    Args:
-        sample: which episodes are in it, one sentence.
-        has_collisions: whether collisions were recorded.
-    """
-    columns = [each for each in COLUMNS if has_collisions or each[0] != "collisions"]
-    return episode_table(columns, sample, {"policy": "Policy", "split": "Split"})
-
-
-def episode_table(
-    columns: Sequence[tuple[str, str]], explanation: str, choices: Mapping[str, str]
-) -> Html:
+def episode_table(columns: Mapping[str, str], explanation: str, choices: Mapping[str, str]) -> Html:
     """The table that `assets/episode_table.js` fills, with its histograms and choices.
 
-    Args:
-        columns: key and head of each.
-        explanation: of what is in it, whole sentences.
-        choices: key of a column that is chosen from a list -> its label.
+    Columns are keys with heads; `choices` are keys of columns that are chosen from a list, with
+    labels.
     """
-    head = [
-        element(
-            "th",
-            _sorter(key, label),
-            scope="col",
-            data_column=key,
-            class_="n" if key in NUMBERS else None,
-        )
-        for key, label in columns
-    ]
+    head = []
+    for key, label in columns.items():
+        sorter = element("button", label, type="button", data_sort=key)
+        looks = "n" if key in NUMBERS else None
+        head.append(element("th", sorter, scope="col", data_column=key, class_=looks))
     lists = [
         element("label", label, element("select", element("option", "all", value=""), name=name))
         for name, label in choices.items()
@@ -145,20 +108,12 @@ def episode_table(
     )
 
 
-def _viewer(parts: tuple[Html, ...], unit: str) -> Html:
+def _viewer(unit: str, *parts: object) -> Html:
     notice = element("p", id="notice", role="status")
     without = element("noscript", element("p", "Replays need JavaScript."))
     return element(
         "section", without, notice, *parts, id="viewer", aria_label="Replay", data_unit=unit
     )
-
-
-def _canvas() -> Html:
-    return element("canvas", role="img", aria_label="Replay of an episode")
-
-
-def _slider() -> Html:
-    return element("input", type="range", min="0", value="0", aria_label="Time")
 
 
 def _controls() -> Html:
@@ -181,27 +136,11 @@ def _controls() -> Html:
     )
 
 
-def _sorter(key: str, label: str) -> Html:
-    return element("button", label, type="button", data_sort=key)
-
-
-def _toggle(key: str, is_on: bool) -> Html:
-    return element("input", type="checkbox", data_option=key, checked=is_on)
-
-
 def _has_visible_sensors(spec: TaskSpec) -> bool:
     """Whether the sensors have a reach that can be drawn."""
     model = spec.observation
     is_limited = not isinstance(model, StateModel) or model.limit is not None
     return is_limited or any(robot.sensor_range is not None for robot in spec.robots)
-
-
-def _reobserved(spec: TaskSpec, recorded: TaskSpec) -> list[Html]:
-    """Says that the policies had other sensors and radios than those shown, if so."""
-    if spec == recorded:
-        return []
-    text = f"Shown with {describe(spec)}. The policies acted with {describe(recorded)}."
-    return [element("p", text, class_="legend")]
 
 
 def _legend(spec: TaskSpec) -> Html:

@@ -1,4 +1,4 @@
-"""The data files of a dataset: a table of its episodes, and chunks with what is replayed.
+"""The data files of a dataset: a sample of its episodes in a table, and chunks to replay them.
 
 Each file is a script that calls a function of `assets/data.js`. Episodes are in chunks of about a
 hundred kilobytes, so that a page loads at once and a replay in a moment.
@@ -7,7 +7,6 @@ hundred kilobytes, so that a page loads at once and a replay in a moment.
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,46 +20,57 @@ from swarmdata.datasets.reobservation import reobserved_episode
 from swarmdata.errors import SchemaError
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.table import SPLITS
+from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, Episode, Int
 
 CHUNK_VALUES = 100_000
 """Numbers in a chunk, at least those of one episode."""
 
 
-@dataclass
-class _Chunk:
-    """Episodes that go into one file."""
+def choose_episodes(table: EpisodeTable, most: int | None) -> Int:
+    """Returns the episodes to show, at most `most` unless it is None, in stored order.
 
-    episodes: list[int] = field(default_factory=list)  # positions in the table
-    blocks: list[Columns] = field(default_factory=list)
-    n_values: int = 0
+    Each policy and end reason has its share of the sample, by largest remainders, and at least one
+    episode while there is room. Within them, episodes are evenly spaced in stored order.
+    """
+    if most is None or len(table) <= most:
+        return np.arange(len(table))
+    kinds = table.policy.astype(np.int64) * 256 + table.end_reason
+    _, kind, counts = np.unique(kinds, return_inverse=True, return_counts=True)
+    chosen = []
+    for k, n in enumerate(_shares(counts, most).tolist()):
+        rows = np.flatnonzero(kind == k)
+        chosen.append(rows[np.arange(n) * len(rows) // max(n, 1)])
+    return np.sort(np.concatenate(chosen))
+
+
+def _shares(counts: Int, most: int) -> Int:
+    """Splits `most` over groups in proportion to their sizes, with at least one for each."""
+    exact = most * counts / counts.sum()
+    shares = np.maximum(np.floor(exact).astype(np.int64), 1)
+    while shares.sum() < most:
+        shares[np.argmax(exact - shares)] += 1
+    while shares.sum() > most:  # of many small groups: the most over-represented first
+        shares[np.argmax(np.where(shares > 0, shares - exact, -np.inf))] -= 1
+    return shares
 
 
 def write_data(dataset: Dataset, spec: Spec, shown: Int, folder: Path) -> None:
-    """Writes the data files of a dataset into a new folder.
+    """Writes the data files of a dataset into a new folder, named as its key in the scripts.
 
-    Args:
-        dataset: to show.
-        spec: its own, or with other models, through which the episodes are observed again.
-        shown: positions of the episodes, in order.
-        folder: to make; its name is the dataset's key in the scripts.
+    Shows the episodes at some positions, in order, observed through the spec's models.
     """
     folder.mkdir(parents=True)
-    if spec.world is not None:
-        described = replay_table(_seen(dataset, spec.world, shown), spec.world, folder)
+    episodes, world = (dataset[index] for index in shown.tolist()), spec.world
+    if world is None:
+        described = _recorded(spec, list(episodes), folder)
+    elif world == dataset.task:
+        described = replay_table(episodes, world, folder)
     else:
-        described = _recorded(dataset, spec, shown, folder)
-    write_script(
-        folder, "episodes.js", "episodes", {**described, "episodes": _table(dataset, shown)}
-    )
-
-
-def _seen(dataset: Dataset, spec: TaskSpec, shown: Int) -> Iterator[Episode]:
-    """The episodes as they are observed through the models of a spec."""
-    for index in shown.tolist():
-        episode = dataset[index]
-        yield episode if spec == dataset.task else reobserved_episode(episode, dataset.task, spec)
+        seen = (reobserved_episode(each, dataset.task, world) for each in episodes)
+        described = replay_table(seen, world, folder)
+    described["episodes"] = _table(dataset, shown)
+    write_script(folder, "episodes.js", "episodes", described)
 
 
 def replay_table(episodes: Iterable[Episode], spec: TaskSpec, folder: Path) -> dict[str, Any]:
@@ -71,37 +81,42 @@ def replay_table(episodes: Iterable[Episode], spec: TaskSpec, folder: Path) -> d
     def blocks() -> Iterator[list[Columns]]:
         for episode in episodes:
             found = {"moving": columns.moving(episode), "fixed": columns.fixed(episode)}
-            _check_layout(groups, found, folder.name)
+            here = {name: [group for group, _ in each] for name, each in found.items()}
+            if groups and here != groups:
+                raise SchemaError(
+                    f"the episodes of {folder.name} have different columns: {here}, {groups}"
+                )
+            groups.update(here)
             yield [np.concatenate([part for _, part in each], axis=1) for each in found.values()]
 
-    starts = _write_chunks(_chunks(blocks()), folder)
-    described = {name: [group.to_json() for group in each] for name, each in groups.items()}
-    return {"world": columns.describe(), **described, "chunks": starts}
+    starts = _write_chunks(blocks(), folder)
+    return {"world": columns.describe(), **groups, "chunks": starts}
 
 
-def _write_chunks(chunks: Sequence[_Chunk], folder: Path) -> list[int]:
-    """Writes a script for each chunk; returns the positions at which they start."""
-    for number, chunk in enumerate(chunks):
-        write_script(folder, f"{number}.js", "chunk", number, pack(chunk.blocks))
-    return [chunk.episodes[0] for chunk in chunks]
+def _write_chunks(episodes: Iterable[list[Columns]], folder: Path) -> list[int]:
+    """Gathers the blocks of episodes into scripts; returns the positions at which they start."""
+    starts: list[int] = []
+    gathered: list[Columns] = []
+
+    def write() -> None:
+        write_script(folder, f"{len(starts) - 1}.js", "chunk", len(starts) - 1, pack(gathered))
+        gathered.clear()
+
+    for position, blocks in enumerate(episodes):
+        n_values = sum(block.size for block in (*gathered, *blocks))
+        if gathered and n_values > CHUNK_VALUES:
+            write()
+        if not gathered:
+            starts.append(position)
+        gathered += blocks
+    if gathered:
+        write()
+    return starts
 
 
-def _check_layout(
-    groups: dict[str, list[Group]],
-    found: dict[str, list[tuple[Group, Columns]]],
-    dataset: str,
-) -> None:
-    """Notes the columns of the first episode, and refuses others."""
-    here = {name: [group for group, _ in each] for name, each in found.items()}
-    if groups and here != groups:
-        raise SchemaError(f"the episodes of {dataset} have different columns: {here}, {groups}")
-    groups.update(here)
-
-
-def _recorded(dataset: Dataset, spec: Spec, shown: Int, folder: Path) -> dict[str, Any]:
-    episodes = [dataset[index] for index in shown.tolist()]
+def _recorded(spec: Spec, episodes: Sequence[Episode], folder: Path) -> dict[str, Any]:
     columns = SeriesColumns(spec, episodes)
-    starts = _write_chunks(_chunks([columns.moving(episode)] for episode in episodes), folder)
+    starts = _write_chunks(([columns.moving(episode)] for episode in episodes), folder)
     described: dict[str, Any] = {"series": columns.describe(), "chunks": starts}
     if columns.image_shape:
         described["images"] = _write_images(columns, episodes[:IMAGE_EPISODES], folder)
@@ -116,19 +131,6 @@ def _write_images(columns: SeriesColumns, episodes: Sequence[Episode], folder: P
         frames.append(states.tolist())
         write_script(folder, f"images-{position}.js", "images", position, pack([pixels], order=1))
     return frames
-
-
-def _chunks(episodes: Iterable[list[Columns]]) -> list[_Chunk]:
-    """Gathers the blocks of episodes into chunks."""
-    chunks = [_Chunk()]
-    for position, blocks in enumerate(episodes):
-        size = sum(block.size for block in blocks)
-        if chunks[-1].episodes and chunks[-1].n_values + size > CHUNK_VALUES:
-            chunks.append(_Chunk())
-        chunks[-1].episodes.append(position)
-        chunks[-1].blocks += blocks
-        chunks[-1].n_values += size
-    return chunks if chunks[-1].episodes else []
 
 
 def _table(dataset: Dataset, shown: Int) -> dict[str, Any]:

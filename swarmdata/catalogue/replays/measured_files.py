@@ -49,9 +49,7 @@ def run_names(results: Sequence[Result]) -> list[str]:
 def play_again(results: Sequence[Result], note: Callable[[str], None]) -> list[ReplayedEpisode]:
     """Plays the episodes of lowest, median and highest return of each run that is at hand.
 
-    Args:
-        results: one for each training seed.
-        note: is told what cannot be played again, and why.
+    `note` is told what cannot be played again, and why.
     """
     played = []
     for run, result in enumerate(results):
@@ -93,56 +91,45 @@ def _policy_of(result: Result, note: Callable[[str], None]) -> Policy | None:
 
 def measured_columns(results: Sequence[Result]) -> list[str]:
     """Columns that the table of measured episodes has."""
-    known = set.intersection(*(_defined(result) for result in results))
-    columns = ["index", "policy"]
-    columns += ["end"] if "success" in known else []
-    columns += ["return"]
-    columns += ["time"] if "time_to_goal" in known else []
-    return columns + (["collisions"] if known.issuperset(COUNTS) else [])
+    known = _defined(results)
+    needs = {"end": {"success"}, "return": set(), "time": {"time_to_goal"}, "collisions": {*COUNTS}}
+    return ["index", "policy", *(name for name, metrics in needs.items() if metrics <= known)]
 
 
-def _defined(result: Result) -> set[str]:
-    """Metrics with a value; the time to goal has none if nothing is solved."""
-    metrics = result.evaluation.metrics
+def _defined(results: Sequence[Result]) -> set[str]:
+    """Metrics with a value in all results; the time to goal has none if nothing is solved."""
+    metrics = [result.evaluation.metrics for result in results]
     return {
         name
-        for name, values in metrics.items()
-        if name == "time_to_goal" or np.isfinite(values).all()
+        for name in set.intersection(*map(set, metrics))
+        if name == "time_to_goal" or all(np.isfinite(each[name]).all() for each in metrics)
     }
 
 
 def write_measured(
     results: Sequence[Result], played: Sequence[ReplayedEpisode], folder: Path
 ) -> None:
-    """Writes the data files of a result into a new folder; replayed episodes are the first rows.
+    """Writes the data files of a result into a new folder, named as its key in the scripts.
 
-    Args:
-        results: one for each training seed, of the same episodes.
-        played: those that were played again.
-        folder: to make; its name is the result's key in the scripts.
+    The results are of the same episodes, one for each training seed; replayed ones are the first
+    rows.
     """
     folder.mkdir(parents=True)
     n = len(results[0].evaluation.seeds)
     first = [each.run * n + each.number for each in played]
     rows = np.array([*first, *(k for k in range(n * len(results)) if k not in {*first})])
     columns = _columns(results, rows // n, rows % n)
-    write_script(
-        folder,
-        "measured.js",
-        "measured",
-        pack([codes[:, None] for _, codes in columns.values()], 0),
-    )
+    packed = pack([codes[:, None] for _, codes in columns.values()], 0)
+    write_script(folder, "measured.js", "measured", packed)
     table: dict[str, Any] = {
         "measured": [[name, unit] for name, (unit, _) in columns.items()],
         "replays": len(played),
         "n": len(rows),
         "lengths": [len(each.episode) for each in played],
         "episodes": {
-            "policies": run_names(results),
-            "ends": ["success", "unsolved"],
-            "splits": [],
+            "policies": run_names(results), "ends": ["success", "unsolved"], "splits": []
         },
-    }
+    }  # fmt: skip
     spec = results[0].spec.world
     if played and spec is not None:
         table |= replay_table([each.episode for each in played], spec, folder)
@@ -155,13 +142,14 @@ def _columns(results: Sequence[Result], runs: Int, numbers: Int) -> dict[str, tu
     def values(name: str) -> Double:
         return np.stack([each.evaluation.metrics[name] for each in results])[runs, numbers]
 
-    known = set.intersection(*(_defined(result) for result in results))
+    known = _defined(results)
     returns = values("return")
     columns = {"policy": (1.0, runs), "number": (1.0, numbers), "return": _fine(returns)}
     if "success" in known:
         columns["end"] = (1.0, (values("success") < 0.5).astype(np.int64))
     for name in COUNTS:
-        columns[name] = (1.0, _whole(values(name)) if name in known else np.zeros_like(runs))
+        counts = values(name) if name in known else np.zeros(len(runs))
+        columns[name] = (1.0, np.rint(np.clip(counts, 0, MAX_CODE)).astype(np.int64))
     if "time_to_goal" in known:
         times = values("time_to_goal")
         unit, codes = _fine(np.where(np.isfinite(times), times, 0.0))
@@ -173,7 +161,3 @@ def _fine(values: Double) -> tuple[float, Int]:
     """Thousandths, or as fine as 16 bits allow."""
     unit = max(1e-3, float(np.abs(values).max(initial=0.0)) / MAX_CODE)
     return unit, np.rint(values / unit).astype(np.int64)
-
-
-def _whole(values: Double) -> Int:
-    return np.rint(np.clip(values, 0, MAX_CODE)).astype(np.int64)

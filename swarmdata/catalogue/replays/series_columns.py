@@ -6,8 +6,7 @@ shown as images, shrunk, of a few episodes.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +29,7 @@ IMAGE_EPISODES = 10
 COLOR_CHANNELS = (1, 3, 4)
 
 
-@dataclass(frozen=True)
-class Panel:
+class Panel(NamedTuple):
     """One plot of each agent: some columns of an array."""
 
     name: str
@@ -42,9 +40,7 @@ class Panel:
 class SeriesColumns:
     """Turns episodes into integers, and describes them to the browser.
 
-    Args:
-        spec: of the recording.
-        episodes: all that are shown; their ranges are the axes of the plots.
+    The ranges of all episodes that are shown are the axes of the plots.
     """
 
     def __init__(self, spec: Spec, episodes: Sequence[Episode]) -> None:
@@ -56,11 +52,14 @@ class SeriesColumns:
         self.panels = [
             Panel(name, min(size, MOST_LINES), size) for name, size in sizes.items() if size
         ]
-        ends = [_ends(self._values(episode)) for episode in episodes]
-        self._low = np.fmin.reduce([low for low, _ in ends])
-        self._high = np.fmax.reduce([high for _, high in ends])
-        self._low = np.where(np.isfinite(self._low), self._low, 0.0)  # nothing is finite: no line
-        self._high = np.where(self._high > self._low, self._high, self._low + 1.0)
+        lows, highs = [], []
+        for episode in episodes:
+            values = self._values(episode)
+            lows.append(np.where(np.isfinite(values), values, np.inf).min(axis=0))
+            highs.append(np.where(np.isfinite(values), values, -np.inf).max(axis=0))
+        low, high = np.min(lows, axis=0), np.max(highs, axis=0)
+        self._low = np.where(np.isfinite(low), low, 0.0)  # nothing is finite: no line
+        self._high = np.where(high > self._low, high, self._low + 1.0)
 
     def moving(self, episode: Episode) -> Int:
         """Codes of all lines, panel by panel and agent by agent, [T+1, lines]."""
@@ -95,11 +94,10 @@ class SeriesColumns:
 
     def describe(self) -> dict[str, Any]:
         """What the browser needs to know of the recording, JSON."""
-        panels = [[each.name, each.n_shown, each.n_columns] for each in self.panels]
         return {
             "task": self.spec.task,
             "names": list(self.spec.agent_names),
-            "panels": panels,
+            "panels": [list(each) for each in self.panels],
             "low": _rounded(self._low),
             "high": _rounded(self._high),
             "levels": N_LEVELS,
@@ -137,14 +135,6 @@ def _image_shape(spec: Spec, n_columns: int) -> tuple[int, int, int] | None:
     if len(shape) == 3 and shape[2] in COLOR_CHANNELS:
         return shape[0], shape[1], shape[2]
     return None
-
-
-def _ends(values: Double) -> tuple[Double, Double]:
-    """Lowest and highest finite value of each line; NaN if it has none."""
-    finite = np.isfinite(values)
-    low = np.where(finite, values, np.inf).min(axis=0)
-    high = np.where(finite, values, -np.inf).max(axis=0)
-    return np.where(np.isfinite(low), low, np.nan), np.where(np.isfinite(high), high, np.nan)
 
 
 def _rounded(values: Double) -> list[float]:

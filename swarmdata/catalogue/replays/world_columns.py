@@ -6,19 +6,19 @@ no screen shows. Radio links are those of the recording; links whose message was
 observing the episode again over a channel without losses.
 """
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from swarmdata.catalogue.drawings.svg_shapes import hex_color
 from swarmdata.datasets.reobservation import attempted_links
 from swarmdata.envs.render.colors import robot_color
 from swarmdata.registry.appearance import MOST_MOMENTS
 from swarmdata.registry.components import appearance_of, make_task, reward_terms
 from swarmdata.specs.sensing_models import BearingModel, Broadcast, LidarModel, OccupancyModel
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, X, Y, robots_of
-from swarmdata.specs.task_spec import Robot, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Bool, Double, Episode, Float, Int
 
 MILLIMETRE = 0.001  # m
@@ -36,24 +36,18 @@ _MOST_ONSETS = 7
 Columns = NDArray[np.integer]
 
 
-@dataclass(frozen=True)
-class Group:
-    """Neighbouring columns of one meaning."""
+class Group(NamedTuple):
+    """Neighbouring columns of one meaning, as the browser gets them."""
 
     name: str
-    count: int
+    n_columns: int
     unit: float  # what one means, in the unit of the browser's drawing: m, rad or a code
-
-    def to_json(self) -> list[Any]:
-        """Name, number of columns, unit."""
-        return [self.name, self.count, self.unit]
 
 
 class WorldColumns:
     """Turns episodes of a task into integers, and describes them to the browser.
 
-    Args:
-        spec: of the episodes; its models say what robots sense and hear.
+    The spec's models say what robots sense and hear.
     """
 
     def __init__(self, spec: TaskSpec) -> None:
@@ -182,10 +176,11 @@ class WorldColumns:
 
     def describe(self) -> dict[str, Any]:
         """What the browser needs to know of the world, JSON."""
-        spec, look = self.spec, self._look
+        spec, look, radio = self.spec, self._look, self.spec.communication
         robots = [
-            {"radius": robot.radius, "role": role, "turns": robot.dynamics == "unicycle"}
-            for role, robot in zip(_roles(spec), spec.robots, strict=True)
+            {"radius": role.robot.radius, "role": k, "turns": role.robot.dynamics == "unicycle"}
+            for k, role in enumerate(spec.team)
+            for _ in range(role.count)
         ]
         return {
             "task": spec.task,
@@ -194,7 +189,7 @@ class WorldColumns:
             "dt": spec.control_dt,
             "robots": robots,
             "names": list(spec.agent_names),
-            "colors": [_hex(robot_color(i)) for i in range(spec.n_agents)],
+            "colors": [hex_color(robot_color(i)) for i in range(spec.n_agents)],
             "mark": look.mark,
             "target_radius": look.radius,
             "is_shared": look.shared is not None,
@@ -203,10 +198,12 @@ class WorldColumns:
             "moments": [list(moment) for moment in self._moments],
             "payloads": [
                 {"shape": each.shape, "a": each.half_length, "b": each.half_width}
-                for each in self._look.bodies
+                for each in look.bodies
             ],
             "sensor": _sensor(spec),
-            "radio": _radio(spec),
+            "radio": {"delay": radio.delay, "range": radio.range, "payload": radio.payload}
+            if isinstance(radio, Broadcast)
+            else None,
         }
 
 
@@ -222,40 +219,17 @@ def _after(steps: Int) -> Int:
     return np.concatenate([np.zeros_like(steps[:1]), steps])
 
 
-def _roles(spec: TaskSpec) -> list[int]:
-    return [k for k, role in enumerate(spec.team) for _ in range(role.count)]
-
-
-def _hex(color: tuple[int, int, int]) -> str:
-    return "#{:02x}{:02x}{:02x}".format(*color)
-
-
-def _range_of(robot: Robot, reach: float) -> float:
-    return min(reach, robot.sensor_range or reach)
-
-
 def _sensor(spec: TaskSpec) -> dict[str, Any]:
     """Kind of the sensor and how far each robot sees, m; None: without a limit."""
     model = spec.observation
-    if isinstance(model, LidarModel):
-        ranges: list[float | None] = [_range_of(robot, model.range) for robot in spec.robots]
-        return {"kind": "lidar", "ranges": ranges, "rays": model.n_rays}
-    if isinstance(model, BearingModel):
-        return {
-            "kind": "bearing",
-            "ranges": [_range_of(robot, model.range) for robot in spec.robots],
-        }
+    ranges: list[float | None] = []
+    if isinstance(model, LidarModel | BearingModel):
+        ranges += [min(model.range, robot.sensor_range or model.range) for robot in spec.robots]
+        rays = {"rays": model.n_rays} if isinstance(model, LidarModel) else {}
+        return {"kind": model.kind, "ranges": ranges, **rays}
     if isinstance(model, OccupancyModel):
         return {"kind": "occupancy", "half": model.cells * model.cell_size / 2, "ranges": []}
-    ranges = []
     for robot in spec.robots:  # the limits are gaps from the robot's surface
         limits = [limit for limit in (model.limit, robot.sensor_range) if limit is not None]
         ranges.append(robot.radius + min(limits) if limits else None)
     return {"kind": "state", "ranges": ranges}
-
-
-def _radio(spec: TaskSpec) -> dict[str, Any] | None:
-    model = spec.communication
-    if not isinstance(model, Broadcast):
-        return None
-    return {"delay": model.delay, "range": model.range, "payload": model.payload}

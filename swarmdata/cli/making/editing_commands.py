@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from swarmdata.cli.option_use import refuse
-from swarmdata.cli.shared_options import IdOrPath
+from swarmdata.cli.shared_options import IdOrPath, summary_of
 
 if TYPE_CHECKING:
     from swarmdata.datasets.dataset import Dataset
@@ -50,7 +50,7 @@ def filter_command(
         min_return=min_return, max_return=max_return, policy=policy, split=split,
         seeds=seeds, episodes=episodes,
     )  # fmt: skip
-    _print_summary(made)
+    typer.echo(summary_of(made))
 
 
 def combine_command(
@@ -65,7 +65,7 @@ def combine_command(
     from swarmdata.building.edit import combine_datasets
 
     opened = [_open(source) for source in sources]
-    _print_summary(combine_datasets(opened, out, id=new_id, tier=tier))
+    typer.echo(summary_of(combine_datasets(opened, out, id=new_id, tier=tier)))
 
 
 def subsample_command(
@@ -101,16 +101,10 @@ def subsample_command(
         min_return=min_return, max_return=max_return,
         like=None if like is None else _open(like), bins=bins, seed=seed,
     )  # fmt: skip
-    _print_summary(made)
+    typer.echo(summary_of(made))
 
 
 def _open(source: str) -> "Dataset":
     from swarmdata.hub.catalog.catalog import load
 
     return load(source)
-
-
-def _print_summary(made: "Dataset") -> None:
-    typer.echo(
-        f"{made.path}\n{len(made):,} episodes, {made.n_steps:,} joint steps, digest {made.digest}"
-    )

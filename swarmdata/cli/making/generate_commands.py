@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 RECIPE_OPTIONS = ("steps", "workers", "engine", "part", "finish", "remote", "out")
 """Options of `generate` that a recipe has not decided; a task with policies has them all."""
 
-
 Dataset = Annotated[
     str | None, typer.Argument(metavar="[ID_OR_RECIPE]", help="dataset id or recipe file")
 ]
@@ -180,27 +179,19 @@ def _what_to_build(
 ) -> "tuple[Recipe, Path, Path | None]":
     """The recipe, the dataset's folder, and a folder with the recipe's networks."""
     from swarmdata.hub.catalog.catalog import dataset_folder
-    from swarmdata.specs.recipe import Recipe
-
-    recipe, beside = _find_recipe(dataset)
-    if out is None and (beside is not None or steps is not None):
-        raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
-    if steps is not None:
-        recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
-    return recipe, out or dataset_folder(recipe), beside
-
-
-def _find_recipe(dataset: str) -> "tuple[Recipe, Path | None]":
-    """The recipe of an id, or of a file and the folder that the file is in."""
     from swarmdata.registry.recipes import find_recipe
     from swarmdata.specs.recipe import Recipe
 
     path = Path(dataset)
-    if path.suffix not in (".json", ".yaml", ".yml"):
-        return find_recipe(dataset), None
-    if not path.exists():
+    is_file = path.suffix in (".json", ".yaml", ".yml")
+    if is_file and not path.exists():
         raise typer.BadParameter(f"there is no file {dataset}")
-    return Recipe.from_file(path), path.parent
+    recipe = Recipe.from_file(path) if is_file else find_recipe(dataset)
+    if out is None and (is_file or steps is not None):
+        raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
+    if steps is not None:
+        recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
+    return recipe, out or dataset_folder(recipe), path.parent if is_file else None
 
 
 def _print_built(folder: Path) -> None:

@@ -1,14 +1,13 @@
 """`swarmdata import`, `fetch`, `fit`: logs of robots; `record`: unfinished recordings."""
 
 import os
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from swarmdata.cli.option_use import refuse
-from swarmdata.cli.shared_options import IdOrPath, Notes, parse_settings
+from swarmdata.cli.shared_options import IdOrPath, Notes, parse_settings, summary_of
 
 if TYPE_CHECKING:
     from swarmdata.datasets.dataset import Dataset
@@ -65,37 +64,34 @@ def import_command(
     from swarmdata.specs.origins.log_origin import ImportedLogs
     from swarmdata.store.cache import cache_folder
 
-    found = read_map(log_map)
+    found, place = read_map(log_map), cache_folder() / "datasets"
     if isinstance(found, ImportedLogs):
         refuse(context, ("id_", "task", "seed", "note"), f"with {log_map}, which has decided it")
+        made = remake_logs(logs, out or place / found.id, found)
     elif id_ is None:
         raise typer.BadParameter("required with a map", param_hint="--id")
-    name = found.id if isinstance(found, ImportedLogs) else str(id_)
-    folder = out or cache_folder() / "datasets" / name
-    if isinstance(found, ImportedLogs):
-        made = remake_logs(logs, folder, found)
     else:
         notes = parse_settings(note, "--note")
         made = import_logs(
-            logs, folder, log_map=found, id=name, task=task, seed=seed, metadata=notes
+            logs, out or place / id_, log_map=found, id=id_, task=task, seed=seed, metadata=notes
         )
-    counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
-    typer.echo(f"{made.path}\n{counts}, digest {made.digest}")
-    for line in _remarks(made):
-        typer.echo(line)
+    _print_made(made)
 
 
-def _remarks(made: "Dataset") -> Iterator[str]:
-    """What else to know of a new dataset: what is absent or left out, and whether a split is."""
+def _print_made(made: "Dataset") -> None:
+    """Prints a new dataset, with what is absent or left out, and whether a split is."""
     from swarmdata.store.split_rule import empty_validation
 
     notes = made.recipe.metadata or {}
+    typer.echo(summary_of(made))
     if n_steps := notes.get("absent_robot_steps"):
-        yield f"Robots are absent in {n_steps} steps: their pose or command is unknown (`max_gap`)."
+        typer.echo(
+            f"Robots are absent in {n_steps} steps: their pose or command is unknown (`max_gap`)."
+        )
     if n_steps := notes.get("steps_of_short_episodes"):
-        yield f"{n_steps} steps are left out: their episodes are too short (`min_steps`)."
+        typer.echo(f"{n_steps} steps are left out: their episodes are too short (`min_steps`).")
     if not len(made.split("validation")):
-        yield f"Note that {empty_validation(len(made))}"
+        typer.echo(f"Note that {empty_validation(len(made))}")
 
 
 def fetch(
@@ -128,8 +124,7 @@ def fetch(
     if accept_terms:
         typer.echo(logs.terms)
     made = fetch_logs(name, out, accept_terms=accept_terms, source=source)
-    counts = f"{len(made):,} episodes, {made.n_steps:,} joint steps"
-    typer.echo(f"{made.path}\n{counts}, digest {made.digest}, as published; the audit is clean")
+    typer.echo(f"{summary_of(made)}, as published; the audit is clean")
 
 
 def fit(
@@ -190,13 +185,7 @@ def recover(path: Recorded) -> None:
     """Make a dataset of the finished episodes of a recording."""
     from swarmdata.record import recover as finish
 
-    dataset = finish(path)
-    typer.echo(
-        f"{dataset.path}\n{dataset.n_episodes:,} episodes, {dataset.n_steps:,} joint steps, "
-        f"digest {dataset.digest}"
-    )
-    for line in _remarks(dataset):
-        typer.echo(line)
+    _print_made(finish(path))
 
 
 @record_app.command()

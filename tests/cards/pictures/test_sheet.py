@@ -2,7 +2,6 @@
 
 import sys
 from collections.abc import Callable
-from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from swarmdata.errors import MissingExtraError, SchemaError
 from swarmdata.registry.presets import preset
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import EpisodeTable
+from tests.support.episode_table import episode_table
 from tests.support.pairs import slow
 
 pytest.importorskip("matplotlib")
@@ -80,13 +79,6 @@ def test_without_matplotlib_the_text_can_be_had(
     assert "█" in text.read_text(encoding="utf-8")
 
 
-def make_table(policies: list[int], returns: list[float]) -> EpisodeTable:
-    zeros: Any = np.zeros(len(policies), np.int64)
-    columns = {field.name: zeros for field in fields(EpisodeTable)}
-    columns["policy"], columns["team_return"] = np.array(policies), np.array(returns)
-    return EpisodeTable(**columns)
-
-
 @given(
     st.lists(st.tuples(st.integers(0, 6), st.floats(-9, 9)), min_size=1, max_size=30),
     st.integers(1, 6),
@@ -94,7 +86,8 @@ def make_table(policies: list[int], returns: list[float]) -> EpisodeTable:
 def test_chosen_episodes_differ_and_share_the_policies(
     rows: list[tuple[int, float]], n: int
 ) -> None:
-    table = make_table([policy for policy, _ in rows], [value for _, value in rows])
+    policies, returns = zip(*rows, strict=True)
+    table = episode_table(len(rows), policy=policies, team_return=returns)
     chosen = choose_episodes(table, n)
     there = [index for index in chosen if index is not None]
     assert len(chosen) == n
@@ -104,7 +97,7 @@ def test_chosen_episodes_differ_and_share_the_policies(
 
 def test_one_policy_shows_its_spread() -> None:
     returns = np.random.default_rng(0).permutation(8).astype(float)
-    chosen = choose_episodes(make_table([0] * 8, returns.tolist()))
+    chosen = choose_episodes(episode_table(8, team_return=returns))
     assert len(chosen) == N_EPISODES_SHOWN
     assert [returns[index] for index in chosen if index is not None] == [1, 3, 5, 7]
 
@@ -116,13 +109,9 @@ def panel() -> Any:
 
 
 def test_lengths_are_counted_by_reason() -> None:
-    table = replace(
-        make_table([0] * 4, [0.0] * 4),
-        lengths=np.array([10, 20, 160, 160]),
-        end_reason=np.array([0, 1, 2, 2], np.uint8),
-    )
+    table = episode_table(4, lengths=[10, 20, 160, 160], end_reason=[0, 1, 2, 2])
     axes = panel()
-    draw_lengths(axes, table, TaskSpec())
+    draw_lengths(axes, table, 160, "joint steps")
     shown = [text.get_text() for text in axes.get_legend().get_texts()]
     assert shown == ["success 25 %", "failure 25 %", "horizon 50 %"]
     assert sum(bar.get_height() for bar in axes.patches) == 4
@@ -138,7 +127,8 @@ def test_returns_name_every_policy_or_every_few(n: int) -> None:
     )
     values = np.random.default_rng(n).normal(size=3 * n)
     axes = panel()
-    draw_returns(axes, make_table(list(range(n)) * 3, values.tolist()), recipe)
+    table = episode_table(3 * n, policy=list(range(n)) * 3, team_return=values)
+    draw_returns(axes, table, recipe)
     ridges = [text.get_text().split("\n")[0] for text in axes.texts]
     rows = [label.get_text() for label in axes.get_yticklabels()]
     if n <= MAX_RIDGES:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.cards.sections.measured_content import LOG_PROBS, measure
+from swarmdata.cards.sections.measured_content import LOG_PROBS, card_data_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset, open_store
 
@@ -27,10 +27,8 @@ def with_log_probs(stored: StoredDataset) -> StoredDataset:
 
 
 def test_by_policy(stored: StoredDataset) -> None:
-    found = measure(with_log_probs(stored)).log_probs
+    found = card_data_of(with_log_probs(stored)).log_probs
     assert found is not None
-    steps = stored.table.lengths[stored.table.policy == 0].sum()
-    assert found[0].n == steps * stored.recipe.spec.n_agents
     assert found[0].undefined == 0.0
     assert (found[0].mean, *found[0].quantiles) == pytest.approx([np.log(0.25)] * 4)
     assert found[1].undefined == 1.0
@@ -39,4 +37,4 @@ def test_by_policy(stored: StoredDataset) -> None:
 
 def test_nothing_where_there_are_none(stored: StoredDataset) -> None:
     arrays = {name: array for name, array in stored.arrays.items() if name != LOG_PROBS}
-    assert measure(replace(stored, arrays=arrays)).log_probs is None
+    assert card_data_of(replace(stored, arrays=arrays)).log_probs is None

@@ -75,6 +75,7 @@ def test_shared_goals_of_a_team_are_drawn_once_each() -> None:
 
     assert len(places(text, "goal shared")) == spec.n_agents
     assert not places(text, "goal")
+    assert 'class="way"' not in text, "of a start"
 
 
 def test_a_task_that_does_not_say_what_it_looks_like_has_rings() -> None:
@@ -87,16 +88,6 @@ def test_a_task_that_does_not_say_what_it_looks_like_has_rings() -> None:
     assert [each.robot for each in found] == [0, 1, 2, 3]
     assert [each.radius for each in found] == [robot.radius for robot in spec.robots]
     assert not any(each.is_reached for each in found)
-
-
-def test_a_start_has_no_ways() -> None:
-    spec = preset("coop_nav")
-    start = make_env(spec).reset(np.array([1], np.uint64))
-
-    text = episode_drawing(spec, start.layouts[0], start.states, "start")
-
-    assert 'class="way"' not in text
-    assert text.count('class="robot"') == 4
 
 
 def test_rewards_are_drawn_for_each_agent() -> None:

@@ -4,7 +4,7 @@ from importlib.resources import files
 
 import pytest
 
-from swarmdata.catalogue.pages.card_html import card_html
+from swarmdata.catalogue.pages.dataset_page import card_html
 from tests.support.pairs import slow
 
 CARD = """---

@@ -4,27 +4,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.catalogue.replays.episode_choice import choose_episodes
-from swarmdata.store import EpisodeTable
-
-
-def table_of(policy: list[int], end_reason: list[int]) -> EpisodeTable:
-    n = len(policy)
-    ones, flags = np.ones(n, np.int64), np.zeros(n, np.bool_)
-    return EpisodeTable(
-        starts=ones,
-        lengths=ones,
-        seeds=ones.astype(np.uint64),
-        layouts=np.zeros((n, 0, 8), np.float32),
-        split=np.zeros(n, np.uint8),
-        end_reason=np.array(end_reason, np.uint8),
-        policy=np.array(policy, np.uint8),
-        policy_episode=ones,
-        team_return=np.zeros(n),
-        success=flags,
-        robot_collisions=ones,
-        obstacle_collisions=ones,
-    )
+from swarmdata.catalogue.replays.data_files import choose_episodes
+from tests.support.episode_table import episode_table
 
 
 @given(
@@ -34,16 +15,18 @@ def table_of(policy: list[int], end_reason: list[int]) -> EpisodeTable:
 def test_the_sample_has_the_size_asked_for_in_stored_order(
     kinds: list[tuple[int, int]], most: int
 ) -> None:
-    table = table_of([policy for policy, _ in kinds], [end for _, end in kinds])
+    policies, ends = zip(*kinds, strict=True)
+    table = episode_table(len(kinds), policy=policies, end_reason=ends)
 
     found = choose_episodes(table, most)
 
     assert len(found) == min(most, len(kinds))
     assert (np.diff(found) > 0).all()
+    assert len(choose_episodes(table, None)) == len(kinds)
 
 
 def test_every_kind_has_its_share() -> None:
-    table = table_of([0] * 600 + [1] * 390 + [2] * 10, [0] * 1000)
+    table = episode_table(1000, policy=[0] * 600 + [1] * 390 + [2] * 10)
 
     found = choose_episodes(table, 100)
 
@@ -51,16 +34,12 @@ def test_every_kind_has_its_share() -> None:
 
 
 def test_a_rare_outcome_is_not_lost() -> None:
-    table = table_of([0] * 1000, [0] * 999 + [1])
+    table = episode_table(1000, end_reason=[0] * 999 + [1])
 
     assert 999 in choose_episodes(table, 10)
 
 
 def test_the_sample_is_spread_over_the_dataset() -> None:
-    found = choose_episodes(table_of([0] * 100, [0] * 100), 10)
+    found = choose_episodes(episode_table(100), 10)
 
     assert found.tolist() == list(range(0, 100, 10))
-
-
-def test_none_means_all() -> None:
-    assert len(choose_episodes(table_of([0] * 7, [0] * 7), None)) == 7

@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,11 +15,10 @@ from swarmdata.catalogue.replays.measured_files import (
     run_names,
     write_measured,
 )
-from swarmdata.catalogue.replays.packing import unpack
 from swarmdata.catalogue.result_sources import own_sources
-from swarmdata.evaluation.results.result_files import Result
 from swarmdata.runtime.batches import Failures
 from tests.support.measured import foreign, result
+from tests.support.packed import unpack
 
 
 def read(folder: Path) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
@@ -87,16 +87,10 @@ def test_runs_at_hand_are_played_again_and_others_are_said(measured: Path, tmp_p
     assert table["lengths"] == [len(each.episode) for each in played]
     assert columns["number"][:6].tolist() == [each.number for each in played]
 
-    changed = outcome.results[0].evaluation.metrics["return"] + 1.0
-    metrics = {**outcome.results[0].evaluation.metrics, "return": changed}
-    wrong = _with_metrics(outcome.results[0], metrics)
+    one = outcome.results[0]
+    metrics = {**one.evaluation.metrics, "return": one.evaluation.metrics["return"] + 1.0}
+    wrong = replace(one, evaluation=replace(one.evaluation, metrics=metrics))
     assert play_again([wrong], notes.append) == []
     assert len(notes) == 3
     assert "measured were" in notes[0]
     assert play_again([result()], notes.append) == [], "its run is not known"
-
-
-def _with_metrics(one: Result, metrics: dict[str, Any]) -> Result:
-    from dataclasses import replace
-
-    return replace(one, evaluation=replace(one.evaluation, metrics=metrics))

@@ -1,24 +1,20 @@
 """`swarmdata convert`: there and back, and what it says when something is missing."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 from swarmdata.audit import audit
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_dataset
+from tests.support import command_line
 
-
-def run(*arguments: str | Path, code: int = 0) -> str:
-    result = CliRunner().invoke(app, ["convert", *map(str, arguments)])
-    assert result.exit_code == code, result.output
-    return result.output
+run = partial(command_line.run, "convert")
 
 
 @pytest.fixture(scope="module")
