@@ -9,7 +9,6 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.record.episode_buffer import Outcome
-from swarmdata.record.foreign_environment import ACTION_MASK_KEY
 from swarmdata.specs.origins import RecordedAgent
 from swarmdata.specs.spaces import (
     DiscreteSpace,
@@ -25,6 +24,9 @@ from swarmdata.specs.spaces import (
     width,
 )
 from swarmdata.types import Bool, Float, FloatOrByte
+
+ACTION_MASK_KEY = "action_mask"
+"""Key of the action mask in an agent's info or observation (PettingZoo, "Action Masking")."""
 
 SUCCESS_KEYS = ("success", "is_success")
 """Keys of infos that tell whether the task was solved."""

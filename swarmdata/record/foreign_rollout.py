@@ -9,9 +9,8 @@ from swarmdata.datasets.action_scaling import ActionScale, action_scale, choices
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.record.agent_reader import AgentReader, Presence
-from swarmdata.record.foreign_environment import describe_agents
 from swarmdata.record.joint_environment import as_parallel
-from swarmdata.record.recording_description import state_source
+from swarmdata.record.recording_description import describe_agents, state_source
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import to_float32, unflatten
