@@ -100,17 +100,13 @@ def import_dataset(
             codes = incoming.splits if keeps else None
             store_imported(str(source), out, recording, incoming.episodes, codes)
     made = Dataset.open(out)
-    _warn_of_other_rewards(made)
-    return made
-
-
-def _warn_of_other_rewards(made: Dataset) -> None:
     if not has_task_rewards(made.stored):
         _LOG.warning(
             "the rewards of %s are not the terms of its task times their weights: its returns have "
             "no score, and policies that learn from it are scored by the task's rewards",
             made.id,
         )
+    return made
 
 
 def _reader_of(format: str) -> Reader:

@@ -24,7 +24,7 @@ def test_blocks_do_not_matter(
     ours: Dataset, round_trip: RoundTrip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", 2000)
-    monkeypatch.setattr("swarmdata.interop.conversion.episode_cuts.BLOCK_BYTES", 1500)
+    monkeypatch.setattr("swarmdata.interop.conversion.foreign_data.BLOCK_BYTES", 1500)
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 1000)
     monkeypatch.setattr("swarmdata.interop.parquet._GROUP_ROWS", 3)
     round_trip(ours, "parquet")

@@ -76,7 +76,7 @@ def test_any_view_survives(
     block = data.draw(st.sampled_from((1, 500, 1 << 20)))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", block)
-        patch.setattr("swarmdata.interop.conversion.episode_cuts.BLOCK_BYTES", block)
+        patch.setattr("swarmdata.interop.conversion.foreign_data.BLOCK_BYTES", block)
         path = tmp_path_factory.mktemp("any") / whole.id
         with there_and_back(view, name, path) as incoming:
             episodes = list(incoming.episodes)

@@ -140,8 +140,3 @@ def check_plain(source: Path) -> None:
                 f"{path} is a symbolic link that leads out of {source}, expected plain files. Copy "
                 "the folder with its content (cp -rL), or download it with local_dir=FOLDER."
             )
-
-
-def folder_bytes(folder: Path) -> int:
-    """Bytes of all files of a folder."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

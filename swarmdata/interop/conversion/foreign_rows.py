@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS
+from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.imported_data import AgentShapes
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.spaces import LARGEST_EXACT_INTEGER, to_float32
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Bool
-
-Arrays = Mapping[str, NDArray[Any]]
 
 
 def admit_rows(rows: Arrays, n_agents: int, where: str) -> dict[str, NDArray[Any]]:

@@ -1,6 +1,6 @@
 """Reads TensorDicts that TorchRL, BenchMARL or others in their style collected."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.episode_cuts import BlockReader, ReadRows, Timeline
-from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.dataset_facts import Arrays
+from swarmdata.interop.conversion.foreign_data import (
+    BlockReader,
+    ReadRows,
+    Timeline,
+    import_without_note,
+)
 from swarmdata.interop.conversion.foreign_rows import (
     agent_columns,
     count_choices,
@@ -183,7 +188,7 @@ def _reader(
     if not keys >= set(states.values()):
         states = {}
 
-    def read(window: slice) -> Mapping[str, NDArray[Any]]:
+    def read(window: slice) -> Arrays:
         index = order[window]
         joint = {
             ours: pad_agents(
