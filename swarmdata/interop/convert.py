@@ -141,7 +141,7 @@ def store_imported(
 
     Args:
         source: of the data, for messages.
-        out: where the dataset appears, locked by the caller.
+        out: locked by the caller.
         origin: of the dataset.
         episodes: in order.
         splits: code of each episode's split; None to draw them as `origin` says.
@@ -181,16 +181,11 @@ def store_imported(
 def _write_parts(
     build: Path, episodes: Iterable[Episode]
 ) -> tuple[dict[int, list[Path]], list[tuple[int, int]]]:
-    """Writes episodes as parts of about `BLOCK_BYTES`.
-
-    Returns:
-        the parts of each policy, and the order of the episodes, as `assemble` takes them.
-    """
+    """Writes parts of about `BLOCK_BYTES`; returns them and the order, as `assemble` takes them."""
     parts: dict[int, list[Path]] = {}
     held: dict[int, list[Episode]] = {}
     counts: dict[int, int] = {}
-    order = []
-    size = 0
+    order, size = [], 0
 
     def flush() -> None:
         for policy, group in held.items():

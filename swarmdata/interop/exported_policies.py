@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from swarmdata.datasets.action_scaling import ActionScale, action_scale
+from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.named_policies import open_run
@@ -126,19 +126,12 @@ def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
             f"policies for {spec.task} choose among whole numbers, expected continuous commands"
         )
     named = spec.options.get("commands", {})
-    return {"time_step": spec.time_step, "commands": _recorded(spec, action_scale(spec), named)}
-
-
-def _recorded(
-    spec: RecordedSpec, scale: ActionScale, named: dict[str, list[str]]
-) -> list[dict[str, Any]]:
-    found = []
+    scale, found = action_scale(spec), []
     for agent, middle, half in zip(spec.agents, scale.middle, scale.half, strict=True):
         n = width(agent.action)
-        columns = named.get(agent.name, [""])
-        is_motion = all(column in get_args(Motion) for column in columns)
+        is_motion = all(name in get_args(Motion) for name in named.get(agent.name, [""]))
         found.append(
             {"middle": middle[:n].tolist(), "half": half[:n].tolist(), "norm": None,
              "stop": [0.0] * n if is_motion else None}
         )  # fmt: skip
-    return found
+    return {"time_step": spec.time_step, "commands": found}

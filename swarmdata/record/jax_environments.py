@@ -190,13 +190,7 @@ def _space(space: Any, where: str) -> Space:
 
 
 class _Player:
-    """Plays whole episodes.
-
-    Args:
-        world: where.
-        policy: who.
-        horizon: most steps of an episode; None: see `find_horizon`.
-    """
+    """Plays whole episodes."""
 
     def __init__(self, world: _World, policy: JaxPolicy, horizon: int | None) -> None:
         import jax  # noqa: PLC0415  (the user's environment has it)
@@ -245,11 +239,7 @@ class _Player:
             self.horizon = self._world.n_steps - 1
 
     def play(self, seeds: Sequence[int]) -> list[Episode]:
-        """One episode of each seed.
-
-        Raises:
-            SchemaError: an episode is longer than the horizon.
-        """
+        """One episode of each seed; SchemaError if one is longer than the horizon."""
         import jax  # noqa: PLC0415
 
         played = jax.tree.map(np.asarray, self._play(np.array(seeds, np.int32)))

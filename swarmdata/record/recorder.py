@@ -61,9 +61,6 @@ class EnvironmentReader:
             infos: by agent.
             alive: agents that act next, [N].
             seen: agents that act next or acted in the step before, [N].
-
-        Raises:
-            SchemaError: a value does not fit its space, or is not finite.
         """
         rows, concatenated = self.reader.observations(observations, seen)
         messages = no_messages(len(alive))
@@ -239,10 +236,7 @@ class Recorder(BaseParallelWrapper):
         self._policy = index
 
     def record_log_probs(self, log_probs: Mapping[Any, float]) -> None:
-        """Records the log-probability of each agent's action in the next step.
-
-        Args:
-            log_probs: by agent; not needed for agents that are not alive.
+        """Records the log-probability of each living agent's action in the next step.
 
         Raises:
             SchemaError: the recorder was made without `log_probs=True`.

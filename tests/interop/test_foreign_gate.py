@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from swarmdata.audit import audit
 from swarmdata.cards.side_files import damage_of
@@ -21,7 +22,7 @@ from swarmdata.interop.export import export_dataset
 from swarmdata.specs.spaces import MultiDiscreteSpace
 from swarmdata.store.damage import find_damage
 from swarmdata.types import END_REASONS
-from tests.interop.foreign import WRITERS, hdf5, numpy_folder, parquet, team
+from tests.interop.foreign import WRITERS, hdf5, numpy_folder, parquet, team, write_minari
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
 pq = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
@@ -311,23 +312,15 @@ def test_a_parquet_file_that_fills_the_memory_is_refused(tmp_path: Path) -> None
 # ------------------------------------------------------------------ Minari
 
 
-def minari_folder(folder: Path, n_episodes: int = 20) -> Path:
-    minari = pytest.importorskip("minari", reason="the extra 'minari'")
-    from gymnasium.spaces import Box, Discrete
-    from minari.data_collector import EpisodeBuffer
-    from minari.dataset.minari_storage import MinariStorage
-
-    space = Box(-np.inf, np.inf, (2,), np.float64)
-    storage = MinariStorage.new(folder, observation_space=space, action_space=Discrete(4))
+def minari_folder(folder: Path) -> Path:
     rows = np.arange(6.0)
-    storage.update_episodes(
-        EpisodeBuffer(
-            observations=np.stack([rows, np.full(6, k)], 1), actions=np.arange(5) % 4,
-            rewards=rows[:5], terminations=np.arange(5) == 4, truncations=np.zeros(5, bool),
-        ) for k in range(n_episodes)
+    episodes = (
+        {"observations": np.stack([rows, np.full(6, k)], 1), "actions": np.arange(5) % 4,
+         "rewards": rows[:5], "terminations": np.arange(5) == 4, "truncations": np.zeros(5, bool)}
+        for k in range(20)
     )  # fmt: skip
-    storage.update_metadata({"dataset_id": "maze/x-v0", "minari_version": minari.__version__})
-    return folder
+    box = spaces.Box(-np.inf, np.inf, (2,), np.float64)
+    return write_minari(folder, episodes, box, spaces.Discrete(4))
 
 
 def test_minari_is_looked_at_before_minari_opens_it(tmp_path: Path) -> None:

@@ -80,11 +80,7 @@ class ExportNote(Frozen):
 
 
 def note_of(dataset: Dataset, frame: str) -> ExportNote:
-    """Returns the note to write beside an export of this view.
-
-    Args:
-        dataset: the view.
-        frame: that its observations and actions were turned into; `world` if they were not.
+    """Returns the note of an export of a view, whose observations and actions are in a frame.
 
     Raises:
         ConversionError: its rewards are those of a function, which no spec describes: an import

@@ -125,14 +125,7 @@ def columns_of(shape: Sequence[int]) -> int:
 
 
 def count_choices(actions: NDArray[Any], where: str) -> tuple[int, ...]:
-    """Counts the choices of whole-number actions.
-
-    Args:
-        actions: of an agent, or of several with the same choices, [..., A].
-        where: names them in errors.
-
-    Returns:
-        one more than the greatest choice, of each column; () if actions are not whole numbers.
+    """Counts the choices in each column of whole-number actions, [..., A]; () for other actions.
 
     Raises:
         ConversionError: there are none, they are negative, or float32 does not hold them.
@@ -195,7 +188,7 @@ def team_shapes(
         actions: array or file of the actions, [n, ...]; all are read if they are whole numbers.
         choices: the user's answers.
         source: name for errors.
-        n_states: columns of the state, 0 without states.
+        n_states: columns of the state.
 
     Raises:
         ConversionError: the columns cannot be divided among the agents.

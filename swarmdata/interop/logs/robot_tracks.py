@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swarmdata.errors import ConversionError
+from swarmdata.interop.logs.planar_frames import planar_motion
 from swarmdata.interop.logs.resampling import (
     Samples,
     add_up,
@@ -169,15 +170,7 @@ def _commands(
         return hold(signals.commands, grid, _gap(command, log_map))
     moved = np.diff(positions, axis=0, append=positions[-1:]) / log_map.dt
     turned = wrap(np.diff(headings, axis=0, append=headings[-1:])) / log_map.dt
-    cosine, sine = np.cos(headings[:, 0]), np.sin(headings[:, 0])
-    found = {
-        "vx": moved[:, 0],
-        "vy": moved[:, 1],
-        "omega": turned[:, 0],
-    }
-    if command.frame == "body":
-        found["v"] = cosine * moved[:, 0] + sine * moved[:, 1]
-        found["vy"] = -sine * moved[:, 0] + cosine * moved[:, 1]
+    found = planar_motion(moved, turned[:, 0], headings[:, 0], command.frame)
     known = is_placed & np.append(is_placed[1:], False)
     values = np.stack([found[each.column] for each in command.components], axis=1)
     return values * known[:, None], known

@@ -98,17 +98,6 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
     write_note(dataset, path, frame)
 
 
-def transitions_of(dataset: Dataset) -> Any:
-    """Returns a view as a TensorDict [n] in memory: what `write` writes, without a file.
-
-    Raises:
-        MissingExtraError: tensordict is not installed.
-    """
-    target = _layout(dataset).clone()
-    _fill(target, dataset)
-    return target
-
-
 def _layout(dataset: Dataset) -> Any:
     """Returns a TensorDict [n] of all keys whose rows are one row of zeros."""
     require_extra("tensordict", "torchrl", "the TorchRL format")
@@ -194,7 +183,8 @@ def replay_buffer(
     if isinstance(source, Dataset):
         if not len(source):
             raise SchemaError(f"{source!r} has no episodes to sample from; widen its filter")
-        rows = transitions_of(source)
+        rows = _layout(source).clone()
+        _fill(rows, source)
     else:
         rows = _map(Path(source))
     if keys is not None:
