@@ -80,25 +80,21 @@ def import_dataset(
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     check_plain(source)
-    digest = source_digest(source)
-    task = id.partition("-")[0]
-    read = _reader_of(format)
-    with read(source, task, choices or Choices()) as incoming:
-        keeps = splits == "kept" and incoming.splits is not None
+    with _reader_of(format)(source, id.partition("-")[0], choices or Choices()) as incoming:
+        kept = incoming.splits if splits == "kept" else None
         content = {
             "id": id,
             "spec": incoming.spec,
             "policies": incoming.policies,
             "seed": seed,
-            "splits": None if keeps else rule or Splits(),
+            "splits": (rule or Splits()) if kept is None else None,
             "source": format,
-            "source_sha256": digest,
+            "source_sha256": source_digest(source),
             "metadata": {**incoming.metadata, **(metadata or {})},
         }
         recording = Recording.parse(content, f"the recording made of {source}")
         with locked(out):
-            codes = incoming.splits if keeps else None
-            store_imported(str(source), out, recording, incoming.episodes, codes)
+            store_imported(str(source), out, recording, incoming.episodes, kept)
     made = Dataset.open(out)
     if not has_task_rewards(made.stored):
         _LOG.warning(

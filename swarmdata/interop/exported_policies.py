@@ -55,13 +55,17 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     seeds = [each.seed for each in provenances]
     if seed not in seeds:
         raise SpecError(f"{name} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
+    if isinstance(spec, RecordedSpec):
+        features = [_columns(agent.observation, "") for agent in spec.agents]
+    else:
+        features = [[each.name for each in features_of(make_task(spec))]] * spec.n_agents
     k = seeds.index(seed)
     export = export_onnx if path.suffix == ".onnx" else export_numpy
     return export(
         policies[k],
         path,
         robots=spec.agent_names,
-        features=_features(spec),
+        features=features,
         about={
             "provenance": without_places(provenances[k].model_dump(mode="json")),
             "spec": spec.model_dump(mode="json"),
@@ -78,14 +82,6 @@ def _trained(name: str) -> tuple[TaskSpec | RecordedSpec, Sequence[Policy], Sequ
             return RecordedSpec.parse(found.spec, name), found.policies(), found.provenances
     target = find_target(name)
     return target.spec, target.policies, target.provenances
-
-
-def _features(spec: TaskSpec | RecordedSpec) -> list[list[str]]:
-    """Names of the numbers that each robot observes."""
-    if isinstance(spec, RecordedSpec):
-        return [_columns(agent.observation, "") for agent in spec.agents]
-    names = [feature.name for feature in features_of(make_task(spec))]
-    return [names] * spec.n_agents
 
 
 def _columns(space: Space, name: str) -> list[str]:

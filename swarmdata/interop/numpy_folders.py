@@ -79,7 +79,9 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
             for name, values in _columns(arrays, agents):
                 if name not in files:
                     files[name] = stack.enter_context((path / f"{name}.npy").open("wb"))
-                    _write_header(files[name], values, n_rows)
+                    header = np.lib.format.header_data_from_array_1_0(values)
+                    header |= {"fortran_order": False, "shape": (n_rows, *values.shape[1:])}
+                    np.lib.format.write_array_header_1_0(files[name], header)
                 files[name].write(np.ascontiguousarray(values).tobytes())
     write_note(dataset, path, frame)
 
@@ -99,13 +101,6 @@ def _columns(arrays: Arrays, agents: Sequence[RecordedAgent]) -> Iterator[tuple[
         if "states" in arrays:
             yield f"states_{k}", arrays["states"]
             yield f"next_states_{k}", arrays[NEXT_PREFIX + "states"]
-
-
-def _write_header(file: BinaryIO, values: NDArray[Any], n_rows: int) -> None:
-    """Begins a file of `n_rows` rows like these, which are written one after another."""
-    header = np.lib.format.header_data_from_array_1_0(values)
-    shape = (n_rows, *values.shape[1:])
-    np.lib.format.write_array_header_1_0(file, {**header, "fortran_order": False, "shape": shape})
 
 
 @contextmanager
@@ -157,7 +152,15 @@ def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
     Raises:
         ConversionError: files are missing or do not fit together, or the ends are ambiguous.
     """
-    folders = [source] if (source / "obs_0.npy").exists() else _inner(source)
+    folders = [path.parent for path in (*source.glob("obs_0.npy"), *source.glob("*/obs_0.npy"))]
+    if not folders:
+        raise ConversionError(
+            f"{source} has neither obs_0.npy nor folders with it, expected for each agent i the "
+            f"files {', '.join(f'{name}_<i>.npy' for name in _REQUIRED_PREFIXES)}"
+        )
+    if folders[0] == source:
+        folders = [source]
+    folders.sort(key=lambda path: ([int(k) for k in re.findall(r"\d+", path.name)], path))
     runs = {folder: _agents(folder, len([*folder.glob("obs_*.npy")])) for folder in folders}
     kinds = {folder: _shapes(folder, agents) for folder, agents in runs.items()}
     shapes = kinds[folders[0]]
@@ -179,16 +182,6 @@ def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
     known = {f"{name}_{k}.npy" for k in range(len(shapes.actions)) for name in prefixes}
     unread = {path.name for folder in folders for path in folder.glob("*.npy")} - known
     return import_without_note(task, shapes, timelines, choices, policies, sorted(unread))
-
-
-def _inner(source: Path) -> list[Path]:
-    found = sorted(path.parent for path in source.glob("*/obs_0.npy"))
-    if not found:
-        raise ConversionError(
-            f"{source} has neither obs_0.npy nor folders with it, expected for each agent i the "
-            f"files {', '.join(f'{name}_<i>.npy' for name in _REQUIRED_PREFIXES)}"
-        )
-    return sorted(found, key=lambda path: [int(k) for k in re.findall(r"\d+", path.name)])
 
 
 def _agents(folder: Path, n_agents: int) -> Agents:

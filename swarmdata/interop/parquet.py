@@ -95,7 +95,10 @@ def _file(split: str) -> str:
 def _write_split(dataset: Dataset, path: Path) -> None:
     library = arrow()
     shapes = row_shapes(dataset)
-    fields = {name: _list_type(shape, dtype) for name, (shape, dtype) in shapes.items()}
+    fields = {
+        name: list_column(np.zeros((1, *shape), dtype)).type
+        for name, (shape, dtype) in shapes.items()
+    }
     schema = library.schema({"episode": library.int64(), "step": library.int64(), **fields})
     lengths = dataset.episodes.lengths
     episodes = np.repeat(dataset.selection, lengths)
@@ -106,14 +109,6 @@ def _write_split(dataset: Dataset, path: Path) -> None:
             columns = {name: list_column(arrays[name]) for name in shapes}
             table = {"episode": episodes[rows], "step": steps[rows], **columns}
             writer.write_table(library.table(table, schema), row_group_size=_GROUP_ROWS)
-
-
-def _list_type(shape: tuple[int, ...], dtype: np.dtype[Any]) -> Any:
-    library = arrow()
-    kind = library.from_numpy_dtype(dtype)
-    for size in reversed(shape):
-        kind = library.list_(kind, size)
-    return kind
 
 
 def list_column(values: NDArray[Any]) -> Any:

@@ -111,19 +111,16 @@ def _ended(folder: Path) -> Iterator[None]:
         yield
     except Exception:
         deadline, seen = time.monotonic() + MAX_WAIT_SECONDS, None
-        while (now := _sizes(folder)) != seen and time.monotonic() < deadline:
-            seen = now
+        while time.monotonic() < deadline:
+            sizes = {}
+            for file in folder.rglob("*"):
+                with contextlib.suppress(FileNotFoundError):  # one may go meanwhile
+                    sizes[file] = file.stat().st_size
+            if sizes == seen:
+                break
+            seen = sizes
             time.sleep(QUIET_SECONDS)
         raise
-
-
-def _sizes(folder: Path) -> dict[str, int]:
-    """Bytes of each file; one that goes meanwhile has none."""
-    found = {}
-    for file in folder.rglob("*"):
-        with contextlib.suppress(FileNotFoundError):
-            found[str(file)] = file.stat().st_size
-    return found
 
 
 def _leaves(arrays: Arrays) -> dict[str, Any]:

@@ -241,7 +241,10 @@ def decoded(message: RawMessage) -> Any:
         )
     if channel.encoding == "json":
         with source.call():
-            return json.loads(message.content, parse_int=_whole)
+            return json.loads(
+                message.content,
+                parse_int=lambda text: int(text) if len(text) <= MOST_DIGITS else float(text),
+            )
     kind = channel.kind
     if kind.count("/") == 1:  # as ROS 1 writes it
         kind = kind.replace("/", "/msg/")
@@ -259,10 +262,6 @@ def decoded(message: RawMessage) -> Any:
         if is_ros1:
             return store.deserialize_ros1(message.content, kind)
         return store.deserialize_cdr(message.content, kind)
-
-
-def _whole(text: str) -> int | float:
-    return int(text) if len(text) <= MOST_DIGITS else float(text)
 
 
 @lru_cache(maxsize=256)  # compiling the code of a type takes a tenth of a second

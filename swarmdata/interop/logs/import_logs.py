@@ -205,7 +205,11 @@ def _read(
     if not episodes:
         raise ConversionError(
             f"no episode of at least {log_map.episodes.min_steps} steps is in the logs. "
-            + "; ".join(_coverage(track) for track in tracks)
+            + "; ".join(
+                f"{track.agent.name}: pose known at {np.mean(track.is_placed):.0%} of the times, "
+                f"command at {np.mean(track.is_commanded):.0%}"
+                for track in tracks
+            )
             + f". A pose or command is unknown where samples are more than {log_map.max_gap:g} s "
             "apart (`max_gap`)."
         )
@@ -240,13 +244,6 @@ def _joined(names: Sequence[str]) -> str:
         return text
     kept = text[:MOST_NOTED].rpartition(", ")[0]
     return f"{kept} and {len(names) - kept.count(', ') - 1} more"
-
-
-def _coverage(track: RobotTrack) -> str:
-    return (
-        f"{track.agent.name}: pose known at {np.mean(track.is_placed):.0%} of the times, command "
-        f"at {np.mean(track.is_commanded):.0%}"
-    )
 
 
 def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedSpec:

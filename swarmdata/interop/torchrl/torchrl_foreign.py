@@ -58,7 +58,11 @@ def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> I
     row_bytes = sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
     reader = BlockReader(read, len(order), row_bytes, source)
     timeline = Timeline(str(source), terminals, truncations, reader, has_next=True)
-    counts = [_choices(rows, group, source) for group in groups for _ in range(group.n_agents)]
+    counts: list[tuple[int, ...]] = []
+    for group in groups:
+        key = (*group.name, "action")
+        actions = _numpy(rows, key).reshape(len(rows), group.n_agents, -1)
+        counts += [count_choices(actions, f"{source}: {'.'.join(key)}")] * group.n_agents
     shapes = AgentShapes(
         observations=tuple(g.n_columns for g in groups for _ in range(g.n_agents)),
         actions=tuple(g.action_size for g in groups for _ in range(g.n_agents)),
@@ -69,11 +73,6 @@ def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> I
     read_keys |= {key for key in leaf_keys(rows) if key[-1] in ("terminated", "truncated", "done")}
     unread = [".".join(key) for key in leaf_keys(rows) - read_keys]
     return import_without_note(task, shapes, [timeline], choices, unread=unread)
-
-
-def _choices(rows: Any, group: "_Group", source: Path) -> tuple[int, ...]:
-    values = _numpy(rows, (*group.name, "action")).reshape(len(rows), group.n_agents, -1)
-    return count_choices(values, f"{source}: {'.'.join((*group.name, 'action'))}")
 
 
 def _with_rows(rows: Any) -> Any:
