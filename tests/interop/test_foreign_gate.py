@@ -19,7 +19,7 @@ from swarmdata.errors import ConversionError, SchemaError, SwarmdataError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.specs.spaces import MultiDiscreteSpace
+from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace
 from swarmdata.store.damage import find_damage
 from swarmdata.types import END_REASONS
 from tests.interop.foreign import WRITERS, hdf5, numpy_folder, parquet, team, write_minari
@@ -110,7 +110,7 @@ def test_episodes_that_a_cut_leaves_empty_are_counted(tmp_path: Path, take_in: T
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_several_whole_numbers_are_choices_each(tmp_path: Path, kind: str) -> None:
+def test_whole_numbers_are_choices_each(tmp_path: Path, kind: str, take_in: TakeIn) -> None:
     arrays = team(60, n_agents=1)
     pairs = np.stack([np.arange(60) % 3, np.arange(60) % 2], 1)
     arrays["actions"] = pairs[:, None] if kind == "numpy" else pairs
@@ -118,6 +118,9 @@ def test_several_whole_numbers_are_choices_each(tmp_path: Path, kind: str) -> No
     assert dataset.spec.action_spaces == (MultiDiscreteSpace(n=(3, 2)),)
     np.testing.assert_array_equal(dataset.transitions()["actions"][:, 0], pairs)
     assert Dataset.open(dataset.path, "full").digest == dataset.digest
+    arrays["actions"] = arrays["actions"][..., :1]
+    one = take_in(WRITERS[kind](tmp_path / "one", arrays), kind, time_limit=5)
+    assert one.spec.action_spaces == (DiscreteSpace(n=3),)
 
 
 @pytest.mark.parametrize(

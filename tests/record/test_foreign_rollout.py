@@ -205,25 +205,6 @@ def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
         train_seeds("bc", dataset, tmp_path / "run", progress=False)
 
 
-class Unbounded(Counting):
-    """Actions without an upper bound."""
-
-    def action_space(self, agent: str) -> Any:
-        from gymnasium.spaces import Box
-
-        return Box(0.0, np.inf, (2,), np.float32)
-
-
-def test_actions_without_bounds_are_refused_with_a_way_out(tmp_path: Path) -> None:
-    path = tmp_path / "ds"
-    with Recorder(Unbounded(), id="counting_v1-mine-v0", path=path) as recorder:
-        play(recorder, 5, lambda agent, time: np.ones(2, np.float32))
-    dataset = recorder.close()
-    with pytest.raises(SchemaError, match=r"column 0 of the actions of big .* bounds 0 and inf"):
-        dataset.sampler(8)
-    assert dataset.transitions()["actions"].shape == (20, 2, 2)
-
-
 def test_actions_outside_their_bounds_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

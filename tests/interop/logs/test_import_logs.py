@@ -358,7 +358,7 @@ def test_rewards_of_one_time_are_added_up(tmp_path: Path) -> None:
         *(({"each": each(command=command)}, message) for command, message in [
             ({"components": [{"column": "v", "low": 2, "high": 1}]}, "low is 2, expected less"),
             ({"components": [{"column": "v", "low": 2}]}, "low and high: give both, or neither"),
-            ({"components": ["v"], "differences": True}, "differences need bounds"),
+            ({"components": [{"column": "v"}], "differences": True}, "differences need bounds"),
         ]),
     ],
 )  # fmt: skip
