@@ -51,10 +51,16 @@ def episode_facts(name: str) -> list[str]:
 @pytest.mark.parametrize("kind", ["ours", "recorded", "images"])
 @pytest.mark.parametrize("name", WRITTEN)
 def test_a_dataset_survives(
-    name: str, kind: str, request: pytest.FixtureRequest, tmp_path: Path
-) -> None:
+    name: str, kind: str, request: pytest.FixtureRequest, tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    """In blocks of a few rows."""
     if name in NEEDS:
         pytest.importorskip(NEEDS[name], reason=f"the extra of {name}")
+    monkeypatch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", 2000)
+    monkeypatch.setattr("swarmdata.interop.conversion.foreign_data.BLOCK_BYTES", 1500)
+    monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 1000)
+    monkeypatch.setattr("swarmdata.interop.parquet._GROUP_ROWS", 3)
     dataset: Dataset = request.getfixturevalue(kind)
     (tmp_path / "there").mkdir()
     path = export_dataset(dataset, tmp_path / "there" / dataset.id, format=name)
@@ -86,7 +92,6 @@ def test_any_view_survives(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", block)
         patch.setattr("swarmdata.interop.conversion.foreign_data.BLOCK_BYTES", block)
-        patch.setattr("swarmdata.interop.parquet._GROUP_ROWS", 3)
         path = tmp_path_factory.mktemp("any") / whole.id
         read = find_format(name).read
         assert read is not None
