@@ -372,15 +372,13 @@ class Recorder(BaseParallelWrapper):
     ) -> EnvironmentReader:
         """Completes the description after the first reset; begins or continues the recording."""
         has_masks = self._reader.has_masks(observations, infos)
-        if is_own_task(self.env):
-            source: Literal["environment", "observations"] = "environment"
-            recording = self._recording
-        else:
+        recording = self._recording
+        source: StateSource = "environment"
+        if not is_own_task(self.env):
             source, size = state_source(self.env, self._reader, self._state)
-            spec = self._recording.spec.model_copy(
-                update={"state_size": size, "state_from": source}
-            )
-            recording = self._recording.model_copy(update={"spec": spec})
+            states = {"state_size": size, "state_from": source}
+            spec = recording.spec.model_copy(update=states)
+            recording = recording.model_copy(update={"spec": spec})
         self._folder.claim(
             Session(recording=recording, log_probs=self._has_log_probs, masks=has_masks)
         )

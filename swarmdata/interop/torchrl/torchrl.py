@@ -93,7 +93,10 @@ LOST_REASONS = {"layout": "it only has rows over time"}
 def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as the folder of a memory-mapped TensorDict."""
     target = _layout(dataset).memmap_like(prefix=str(path))
-    _reserve(path)
+    for file in path.rglob("*.memmap"):  # now: writing to one on a full disk would end the process
+        if size := file.stat().st_size:
+            with file.open("r+b") as opened:
+                os.posix_fallocate(opened.fileno(), 0, size)
     _fill(target, dataset)
     write_note(dataset, path, frame)
 
@@ -134,14 +137,6 @@ def _fill(target: Any, dataset: Dataset) -> None:
         ended = arrays["terminations"] | arrays["truncations"]
         target[_DONE_KEY][rows] = torch.from_numpy(ended[:, None])
         target[_TRAJECTORY_KEY][rows] = torch.from_numpy(trajectories[rows])
-
-
-def _reserve(folder: Path) -> None:
-    """Allocates every memory map now: writing to one on a full disk would end the process."""
-    for file in folder.rglob("*.memmap"):
-        if size := file.stat().st_size:
-            with file.open("r+b") as opened:
-                os.posix_fallocate(opened.fileno(), 0, size)
 
 
 def _put(tree: dict[str, Any], key: Key, value: Any) -> None:
