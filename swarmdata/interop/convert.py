@@ -80,37 +80,29 @@ def import_dataset(
     if not source.exists():
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     check_plain(source)
-    digest = source_digest(source)
-    task = id.partition("-")[0]
-    read = _reader_of(format)
-    with read(source, task, choices or Choices()) as incoming:
-        keeps = splits == "kept" and incoming.splits is not None
+    with _reader_of(format)(source, id.partition("-")[0], choices or Choices()) as incoming:
+        kept = incoming.splits if splits == "kept" else None
         content = {
             "id": id,
             "spec": incoming.spec,
             "policies": incoming.policies,
             "seed": seed,
-            "splits": None if keeps else rule or Splits(),
+            "splits": (rule or Splits()) if kept is None else None,
             "source": format,
-            "source_sha256": digest,
+            "source_sha256": source_digest(source),
             "metadata": {**incoming.metadata, **(metadata or {})},
         }
         recording = Recording.parse(content, f"the recording made of {source}")
         with locked(out):
-            codes = incoming.splits if keeps else None
-            store_imported(str(source), out, recording, incoming.episodes, codes)
+            store_imported(str(source), out, recording, incoming.episodes, kept)
     made = Dataset.open(out)
-    _warn_of_other_rewards(made)
-    return made
-
-
-def _warn_of_other_rewards(made: Dataset) -> None:
     if not has_task_rewards(made.stored):
         _LOG.warning(
             "the rewards of %s are not the terms of its task times their weights: its returns have "
             "no score, and policies that learn from it are scored by the task's rewards",
             made.id,
         )
+    return made
 
 
 def _reader_of(format: str) -> Reader:
@@ -145,7 +137,7 @@ def store_imported(
 
     Args:
         source: of the data, for messages.
-        out: where the dataset appears, locked by the caller.
+        out: locked by the caller.
         origin: of the dataset.
         episodes: in order.
         splits: code of each episode's split; None to draw them as `origin` says.
@@ -185,16 +177,11 @@ def store_imported(
 def _write_parts(
     build: Path, episodes: Iterable[Episode]
 ) -> tuple[dict[int, list[Path]], list[tuple[int, int]]]:
-    """Writes episodes as parts of about `BLOCK_BYTES`.
-
-    Returns:
-        the parts of each policy, and the order of the episodes, as `assemble` takes them.
-    """
+    """Writes parts of about `BLOCK_BYTES`; returns them and the order, as `assemble` takes them."""
     parts: dict[int, list[Path]] = {}
     held: dict[int, list[Episode]] = {}
     counts: dict[int, int] = {}
-    order = []
-    size = 0
+    order, size = [], 0
 
     def flush() -> None:
         for policy, group in held.items():

@@ -8,26 +8,25 @@ and its repository). `next_observations` is written, so that no transition is lo
 them or `timeouts`, the user is asked.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
-    STATE_ARRAYS,
-    TIME_ARRAYS,
+    NOTED_FACTS,
+    Arrays,
     row_shapes,
     step_blocks,
+    time_keys,
 )
-from swarmdata.interop.conversion.episode_cuts import BlockReader, Timeline
 from swarmdata.interop.conversion.export_note import import_with_note, note_of, parse_note
-from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.foreign_data import BlockReader, Timeline, import_without_note
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths, flags_of, team_shapes
 from swarmdata.interop.conversion.hdf5_reader import numbers, open_hdf5
@@ -57,54 +56,45 @@ KEPT_NAMES = {
     "agent_terminations": "infos/agent_terminals",
     "agent_truncations": "infos/agent_timeouts",
     "layout": LAYOUTS_KEY,
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_KEY),
+    **dict.fromkeys(NOTED_FACTS, NOTE_KEY),
 }
-LOST_REASONS: dict[str, str] = {}
+
+
+def _next(key: str) -> str:
+    folder, slash, last = key.rpartition("/")
+    return f"{folder}{slash}{NEXT_PREFIX}{last}"
+
+
+_TIME_KEYS = time_keys(KEPT_NAMES, _next)
 
 _CHUNK_ROWS = 4096
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as one HDF5 file."""
-    with create_hdf5(path) as writer:
-        file = writer.file
+    with create_hdf5(path) as (file, check):
         for name, (shape, dtype) in row_shapes(dataset).items():
-            if key := _key(name):
-                flat = (int(np.prod(shape)),) if _is_joint(name) else shape
-                _create(file, key, dataset.n_steps, flat, dtype)
+            flat = (int(np.prod(shape)),) if _is_joint(name) else shape
+            _create(file, _TIME_KEYS[name], dataset.n_steps, flat, dtype)
         _create(file, "rewards", dataset.n_steps, (), np.dtype(np.float32))
         has_costs = "events" in row_shapes(dataset)
         if has_costs:  # as in DSRL, of the whole team
             _create(file, "costs", dataset.n_steps, (), np.dtype(np.float32))
         for first, arrays in step_blocks(dataset):
             for name, values in arrays.items():
-                if key := _key(name):
-                    rows = values.reshape(len(values), -1) if _is_joint(name) else values
-                    file[key][first : first + len(rows)] = rows
+                rows = values.reshape(len(values), -1) if _is_joint(name) else values
+                file[_TIME_KEYS[name]][first : first + len(rows)] = rows
             team = arrays["rewards"].mean(axis=1, dtype=np.float64)
             file["rewards"][first : first + len(team)] = team.astype(np.float32)
             if has_costs:
                 costs = costs_of(arrays["events"])
                 assert costs is not None
                 file["costs"][first : first + len(costs)] = costs.sum(axis=(1, 2))
-            writer.check()
+            check()
         file[NOTE_KEY] = note_of(dataset, frame).to_json()
         layouts = dataset.episodes.layouts
         if layouts.size:
             file[LAYOUTS_KEY] = layouts
-
-
-def _key(name: str) -> str | None:
-    """The key of an array in the file, None if it is lost."""
-    if not name.startswith(NEXT_PREFIX):
-        return KEPT_NAMES.get(name)
-    key = KEPT_NAMES.get(name.removeprefix(NEXT_PREFIX))
-    return None if key is None else _next(key)
-
-
-def _next(key: str) -> str:
-    folder, slash, last = key.rpartition("/")
-    return f"{folder}{slash}{NEXT_PREFIX}{last}"
 
 
 def _is_joint(name: str) -> bool:
@@ -134,13 +124,12 @@ def _read_exported(file: Any, source: Path) -> ImportedData:
     with reading(source):
         text = file[NOTE_KEY][()]
     note = parse_note(text, source)
-    keys = {name: key for name, key in KEPT_NAMES.items() if name in TIME_ARRAYS and key in file}
-    keys |= {NEXT_PREFIX + name: _next(key) for name, key in keys.items() if name in STATE_ARRAYS}
+    keys = {name: key for name, key in _TIME_KEYS.items() if key in file}
     arrays = {name: numbers(file, key, source) for name, key in keys.items()}
     n = check_lengths({keys[name]: len(each) for name, each in arrays.items()}, str(source))
     n_agents = len(note.spec.agent_names)
 
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
+    def rows(window: slice) -> Arrays:
         found = {name: each[window] for name, each in arrays.items()}
         return {
             name: values.reshape(len(values), n_agents, -1) if _is_joint(name) else values
@@ -152,9 +141,8 @@ def _read_exported(file: Any, source: Path) -> ImportedData:
     return import_with_note(note, BlockReader(rows, n, row_bytes, source), n, str(source), layouts)
 
 
-REQUIRED_KEYS = ("observations", "actions", "rewards", "terminals")
+_REQUIRED_KEYS = ("observations", "actions", "rewards", "terminals")
 _OPTIONAL_KEYS = ("timeouts", "next_observations")
-_FLAG_KEYS = ("terminals", "timeouts")
 
 
 def read_foreign_file(file: Any, source: Path, task: str, choices: Choices) -> ImportedData:
@@ -163,31 +151,30 @@ def read_foreign_file(file: Any, source: Path, task: str, choices: Choices) -> I
     Raises:
         ConversionError: it is no such file, or is ambiguous.
     """
-    absent = [name for name in REQUIRED_KEYS if name not in file]
+    absent = [name for name in _REQUIRED_KEYS if name not in file]
     if absent:
         raise ConversionError(
             f"{source} has no {absent[0]!r}, expected D4RL's keys observations, actions, rewards, "
             f"terminals and timeouts; it has {', '.join(sorted(file))}"
         )
-    names = [name for name in (*REQUIRED_KEYS, *_OPTIONAL_KEYS) if name in file]
+    names = [name for name in (*_REQUIRED_KEYS, *_OPTIONAL_KEYS) if name in file]
     arrays = {name: numbers(file, name, source) for name in names}
     n = check_lengths({name: len(each) for name, each in arrays.items()}, str(source))
     shapes = team_shapes(arrays["observations"].shape, arrays["actions"], choices, str(source))
     n_agents = len(shapes.observations)
-    with reading(source):
-        flags = {name: arrays[name][:] for name in _FLAG_KEYS if name in arrays}
-    terminals, timeouts = (
-        flags_of(flags[name], n_agents, f"{source}: {name}") if name in flags else None
-        for name in _FLAG_KEYS
-    )
-    assert terminals is not None
-
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        return {name: each[window] for name, each in arrays.items() if name not in _FLAG_KEYS}
-
     row_bytes = sum(each.nbytes // n for each in arrays.values())
+    with reading(source):
+        stored = {name: arrays.pop(name)[:] for name in ("terminals", "timeouts") if name in arrays}
+    flags = {name: flags_of(each, n_agents, f"{source}: {name}") for name, each in stored.items()}
+
+    def rows(window: slice) -> Arrays:
+        return {name: each[window] for name, each in arrays.items()}
+
     reader = BlockReader(rows, n, row_bytes, source)
-    timeline = Timeline(str(source), terminals, timeouts, reader, "next_observations" in arrays)
+    timeline = Timeline(
+        str(source), flags["terminals"], flags.get("timeouts"), reader,
+        has_next="next_observations" in arrays,
+    )  # fmt: skip
     unread = [name for name in _all_arrays(file) if name not in names]
     return import_without_note(task, shapes, [timeline], choices, unread=unread)
 
@@ -199,4 +186,4 @@ def _all_arrays(file: Any) -> list[str]:
     return found
 
 
-FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT_NAMES, LOST_REASONS, read, write)
+FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT_NAMES, {}, read, write)

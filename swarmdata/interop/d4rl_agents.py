@@ -38,9 +38,6 @@ LOST_REASONS = {
     name: "each file holds one agent" for name in DATASET_FACTS if name not in KEPT_NAMES
 }
 
-FRAME_KEY = "metadata/frame"
-"""Key of the frame of observations and actions, which other formats have in their note."""
-
 _CHUNK_ROWS = 4096
 
 
@@ -49,13 +46,13 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
     path.mkdir()
     agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
     for index, agent in enumerate(agents):
-        with create_hdf5(path / f"{agent.name}.hdf5") as writer:
-            writer.file[FRAME_KEY] = frame
+        with create_hdf5(path / f"{agent.name}.hdf5") as (file, check):
+            file["metadata/frame"] = frame  # other formats have it in their note
             sizes = width(agent.observation), width(agent.action)
             for _, arrays in step_blocks(dataset):
                 for key, values in _rows(arrays, index, *sizes).items():
-                    _append(writer.file, key, values)
-                writer.check()
+                    _append(file, key, values)
+                check()
 
 
 def _rows(arrays: Arrays, agent: int, n_columns: int, action_size: int) -> dict[str, NDArray[Any]]:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from swarmdata.datasets.action_scaling import ActionScale, action_scale
+from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.named_policies import open_run
@@ -55,13 +55,17 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     seeds = [each.seed for each in provenances]
     if seed not in seeds:
         raise SpecError(f"{name} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
+    if isinstance(spec, RecordedSpec):
+        features = [_columns(agent.observation, "") for agent in spec.agents]
+    else:
+        features = [[each.name for each in features_of(make_task(spec))]] * spec.n_agents
     k = seeds.index(seed)
     export = export_onnx if path.suffix == ".onnx" else export_numpy
     return export(
         policies[k],
         path,
         robots=spec.agent_names,
-        features=_features(spec),
+        features=features,
         about={
             "provenance": without_places(provenances[k].model_dump(mode="json")),
             "spec": spec.model_dump(mode="json"),
@@ -78,14 +82,6 @@ def _trained(name: str) -> tuple[TaskSpec | RecordedSpec, Sequence[Policy], Sequ
             return RecordedSpec.parse(found.spec, name), found.policies(), found.provenances
     target = find_target(name)
     return target.spec, target.policies, target.provenances
-
-
-def _features(spec: TaskSpec | RecordedSpec) -> list[list[str]]:
-    """Names of the numbers that each robot observes."""
-    if isinstance(spec, RecordedSpec):
-        return [_columns(agent.observation, "") for agent in spec.agents]
-    names = [feature.name for feature in features_of(make_task(spec))]
-    return [names] * spec.n_agents
 
 
 def _columns(space: Space, name: str) -> list[str]:
@@ -126,19 +122,12 @@ def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
             f"policies for {spec.task} choose among whole numbers, expected continuous commands"
         )
     named = spec.options.get("commands", {})
-    return {"time_step": spec.time_step, "commands": _recorded(spec, action_scale(spec), named)}
-
-
-def _recorded(
-    spec: RecordedSpec, scale: ActionScale, named: dict[str, list[str]]
-) -> list[dict[str, Any]]:
-    found = []
+    scale, found = action_scale(spec), []
     for agent, middle, half in zip(spec.agents, scale.middle, scale.half, strict=True):
         n = width(agent.action)
-        columns = named.get(agent.name, [""])
-        is_motion = all(column in get_args(Motion) for column in columns)
+        is_motion = all(name in get_args(Motion) for name in named.get(agent.name, [""]))
         found.append(
             {"middle": middle[:n].tolist(), "half": half[:n].tolist(), "norm": None,
              "stop": [0.0] * n if is_motion else None}
         )  # fmt: skip
-    return found
+    return {"time_step": spec.time_step, "commands": found}

@@ -29,9 +29,6 @@ Reader = Callable[[Path, str, Choices], AbstractContextManager[ImportedData]]
 Writer = Callable[[Dataset, Path, str], None]
 """Writes a view, given the path, which does not exist yet, and the frame that the data are in."""
 
-PlaceCheck = Callable[[Dataset, Path], str | None]
-"""Takes a view and the path of its export; None if the library finds it there."""
-
 
 @dataclass(frozen=True, slots=True)
 class Format:
@@ -41,10 +38,10 @@ class Format:
     title: str  # name for people
     kept: Mapping[str, str]  # facts that an export keeps, and under which name; see `DATASET_FACTS`
     lost: Mapping[str, str]  # facts that an export loses, and why
-    read: Reader | None  # opens foreign data; None: the format can only be written
-    write: Writer  # writes a view
-    misplaced: PlaceCheck | None = None
-    """Says why the format's own library does not find what is written to a path."""
+    read: Reader | None  # None: the format can only be written
+    write: Writer
+    misplaced: Callable[[Dataset, Path], str | None] | None = None
+    """Says why the format's own library does not find the export of a view at a path."""
 
 
 def find_format(name: str) -> Format:

@@ -8,28 +8,28 @@ splits are ranges. A frame is a step, so the observation after the last action i
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.hub.publishing.metadata.episode_parquet import arrow
-from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, Arrays, step_blocks
-from swarmdata.interop.conversion.export_note import note_of
+from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, NOTED_FACTS, Arrays
+from swarmdata.interop.conversion.export_note import NOTE_FILE, write_note
 from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
+from swarmdata.interop.parquet import list_column
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
+from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.specs.spaces import width
 from swarmdata.store import SPLITS
+from swarmdata.types import Episode
 
 LAYOUT_VERSION = "v3.0"
-
-NOTE_FILE = "meta/swarmdata.json"
 
 FILE_BYTES = 100 << 20
 """A file of frames holds at most about so many bytes of numbers, as LeRobot's own."""
@@ -44,7 +44,7 @@ KEPT_NAMES = {
     "rewards": "agent_rewards",
     "terminations": "next.done",
     "truncations": "next.truncated",
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_FILE),
+    **dict.fromkeys(NOTED_FACTS, f"meta/{NOTE_FILE}"),
 }
 LOST_REASONS = {
     name: "LeRobot has no such features" for name in DATASET_FACTS if name not in KEPT_NAMES
@@ -52,23 +52,6 @@ LOST_REASONS = {
 
 _DATA_PATH = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 _EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
-
-Columns = Mapping[str, NDArray[Any]]
-
-
-@dataclass(frozen=True, slots=True)
-class Part:
-    """The episodes of one file of frames."""
-
-    number: int
-    first_episode: int
-    first_frame: int
-    view: Dataset
-
-    @property
-    def place(self) -> dict[str, int]:
-        """Numbers of its chunk and of the file in it."""
-        return {"chunk_index": self.number // CHUNK_FILES, "file_index": self.number % CHUNK_FILES}
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
@@ -82,17 +65,13 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
     order = np.argsort(dataset.episodes.split, kind="stable")
     dataset = replace(dataset, selection=dataset.selection[order])
     (path / _EPISODES_FILE).parent.mkdir(parents=True)
-    rows: list[dict[str, Any]] = []
-    for part in _parts(dataset):
-        rows += _write_frames(part, path, fps)
+    rows = _write_frames(dataset, path, fps)
     library.parquet.write_table(library.Table.from_pylist(rows), path / _EPISODES_FILE)
     _write_tasks(path / "meta/tasks.parquet", dataset.spec.task)
-    for name, content in (
-        ("meta/info.json", _info(dataset, fps)),
-        ("meta/stats.json", _total(rows)),
-    ):
-        (path / name).write_text(json.dumps(content, indent=4), encoding="utf-8")
-    (path / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
+    for name, content in (("info", _info(dataset, fps)), ("stats", _total(rows))):
+        text = json.dumps(content, indent=4)
+        (path / f"meta/{name}.json").write_text(text, encoding="utf-8")
+    write_note(dataset, path / "meta", frame)
 
 
 def _fps(dataset: Dataset) -> int:
@@ -106,102 +85,82 @@ def _fps(dataset: Dataset) -> int:
     return round(rate)
 
 
-def _parts(dataset: Dataset) -> Iterator[Part]:
+def _files(dataset: Dataset) -> Iterator[Dataset]:
     """Consecutive episodes of about `FILE_BYTES`."""
-    lengths = dataset.episodes.lengths
-    arrays = dataset.stored.arrays
+    lengths, arrays = dataset.episodes.lengths, dataset.stored.arrays
     per_step = sum(
         arrays[name].nbytes // len(arrays[name]) for name in ("observations", "states", "actions")
     )
-    ends = np.cumsum(lengths)
-    numbers = (ends - lengths) * per_step // FILE_BYTES
-    for number, code in enumerate(np.unique(numbers)):
-        chosen = np.flatnonzero(numbers == code)
-        first = int(chosen[0])
-        view = replace(dataset, selection=dataset.selection[chosen])
-        yield Part(number, first, int(ends[first] - lengths[first]), view)
+    numbers = (np.cumsum(lengths) - lengths) * per_step // FILE_BYTES
+    for number in np.unique(numbers):
+        yield replace(dataset, selection=dataset.selection[numbers == number])
 
 
-def _write_frames(part: Part, path: Path, fps: int) -> list[dict[str, Any]]:
-    """Writes a file of frames; returns the rows of its episodes."""
-    library = arrow()
-    file = path / _DATA_PATH.format(**part.place)
-    file.parent.mkdir(parents=True, exist_ok=True)
-    rows: list[dict[str, Any]] = []
-    writer, frame = None, part.first_frame
-    lengths = iter(part.view.episodes.lengths.tolist())
-    try:
-        for _, arrays in step_blocks(part.view):
-            left = _features(arrays, part.view)
-            while len(left["action"]):
-                n, episode = next(lengths), part.first_episode + len(rows)
-                columns = {
-                    **{name: values[:n] for name, values in left.items()},
-                    **_counters(n, episode, frame, fps),
-                }
-                left = {name: values[n:] for name, values in left.items()}
-                table = library.table({name: _column(each) for name, each in columns.items()})
-                writer = writer or library.parquet.ParquetWriter(file, table.schema)
-                writer.write_table(table)
-                rows.append(_episode_row(part, episode, frame, columns))
-                frame += n
-    finally:
-        if writer is not None:
-            writer.close()
+def _write_frames(dataset: Dataset, path: Path, fps: int) -> list[dict[str, Any]]:
+    """Writes the files of frames; returns the rows of the episodes."""
+    library, rows, frame = arrow(), list[dict[str, Any]](), 0
+    reads = MappedReads(dataset.stored.arrays.values())
+    for number, part in enumerate(_files(dataset)):
+        place = {"chunk_index": number // CHUNK_FILES, "file_index": number % CHUNK_FILES}
+        file = path / _DATA_PATH.format(**place)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        schema = _table(_columns(part, part[0], 0, 0, fps)).schema
+        with library.parquet.ParquetWriter(file, schema) as writer:
+            for episode in part:
+                columns = _columns(dataset, episode, len(rows), frame, fps)
+                writer.write_table(_table(columns))
+                rows.append(_episode_row(dataset.spec.task, place, columns))
+                frame += len(episode)
+                reads.add(episode.observations, episode.states, episode.actions)
     return rows
 
 
-def _features(arrays: Arrays, dataset: Dataset) -> Columns:
-    """The features of some steps, one row a step."""
-    agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
+def _columns(dataset: Dataset, episode: Episode, number: int, frame: int, fps: int) -> Arrays:
+    """All features of an episode's frames, those that LeRobot adds included."""
+    agents = recorded_agents(dataset.spec, episode.observations.shape[2])
     observed = [
-        arrays["observations"][:, k, : width(agent.observation)] for k, agent in enumerate(agents)
+        episode.observations[:-1, k, : width(agent.observation)] for k, agent in enumerate(agents)
     ]
-    acted = [arrays["actions"][:, k, : width(agent.action)] for k, agent in enumerate(agents)]
+    acted = [episode.actions[:, k, : width(agent.action)] for k, agent in enumerate(agents)]
+    steps = np.arange(len(episode))
     columns = {
         "observation.state": np.concatenate(observed, axis=1),
         "action": np.concatenate(acted, axis=1),
-        "agent_rewards": arrays["rewards"],
-        "next.reward": arrays["rewards"].mean(axis=1, dtype=np.float32),
-        "next.done": arrays["terminations"],
-        "next.truncated": arrays["truncations"],
+        "agent_rewards": episode.rewards,
+        "next.reward": episode.rewards.mean(axis=1, dtype=np.float32),
+        "next.done": episode.terminations,
+        "next.truncated": episode.truncations,
     }
-    if "states" in arrays:
-        columns["observation.environment_state"] = arrays["states"]
-    return columns
-
-
-def _counters(n: int, episode: int, frame: int, fps: int) -> Columns:
-    """The columns that LeRobot adds, of an episode of n steps."""
-    steps = np.arange(n)
-    return {
+    if episode.states.size:
+        columns["observation.environment_state"] = episode.states[:-1]
+    return columns | {
         "timestamp": (steps / fps).astype(np.float32),
         "frame_index": steps,
-        "episode_index": np.full(n, episode),
+        "episode_index": np.full(len(steps), number),
         "index": frame + steps,
-        "task_index": np.zeros(n, np.int64),
+        "task_index": np.zeros(len(steps), np.int64),
     }
 
 
-def _column(values: NDArray[Any]) -> Any:
-    """Rows of numbers as lists of fixed length; one number is no list."""
-    library = arrow()
-    flat = library.array(np.ascontiguousarray(values).reshape(-1))
-    if values.ndim == 1 or values.shape[1] == 1:
-        return flat
-    return library.FixedSizeListArray.from_arrays(flat, values.shape[1])
+def _table(columns: Arrays) -> Any:
+    """Rows of numbers are lists of fixed length; one number is no list."""
+    flat = {
+        name: values[:, 0] if values.ndim > 1 and values.shape[1] == 1 else values
+        for name, values in columns.items()
+    }
+    return arrow().table({name: list_column(values) for name, values in flat.items()})
 
 
-def _episode_row(part: Part, episode: int, frame: int, columns: Columns) -> dict[str, Any]:
+def _episode_row(task: str, place: Mapping[str, int], columns: Arrays) -> dict[str, Any]:
     """What `meta/episodes` says of an episode, statistics of its frames included."""
-    n = len(columns["action"])
+    n, first = len(columns["action"]), int(columns["index"][0])
     row: dict[str, Any] = {
-        "episode_index": episode,
-        "tasks": [part.view.spec.task],
+        "episode_index": int(columns["episode_index"][0]),
+        "tasks": [task],
         "length": n,
-        **{f"data/{key}": value for key, value in part.place.items()},
-        "dataset_from_index": frame,
-        "dataset_to_index": frame + n,
+        **{f"data/{key}": value for key, value in place.items()},
+        "dataset_from_index": first,
+        "dataset_to_index": first + n,
         "meta/episodes/chunk_index": 0,
         "meta/episodes/file_index": 0,
     }
@@ -262,9 +221,7 @@ def _info(dataset: Dataset, fps: int) -> dict[str, Any]:
 
 def _described(dataset: Dataset, fps: int) -> dict[str, Any]:
     """Type, shape and names of the numbers of every feature."""
-    _, arrays = next(step_blocks(replace(dataset, selection=dataset.selection[:1])))
-    columns = {**_features(arrays, dataset), **_counters(1, 0, 0, fps)}
-    names = _names(dataset)
+    columns, names = _columns(dataset, dataset[0], 0, 0, fps), _names(dataset)
     return {
         name: {
             "dtype": str(values.dtype),
@@ -280,7 +237,6 @@ def _names(dataset: Dataset) -> dict[str, list[str]]:
     agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
     known = () if dataset.spec.world is None else features_of(make_task(dataset.spec.world))
     words = [feature.name for feature in known]
-
     return {
         "observation.state": [
             f"{agent.name}.{words[k] if k < len(words) else k}"
@@ -295,11 +251,12 @@ def _names(dataset: Dataset) -> dict[str, list[str]]:
 def _write_tasks(path: Path, task: str) -> None:
     """The table of tasks, whose index is the task's name, as pandas would write it."""
     library = arrow()
-    column = {"name": "task", "field_name": "task", "pandas_type": "unicode",
-              "numpy_type": "object", "metadata": None}  # fmt: skip
-    number = {"name": "task_index", "field_name": "task_index", "pandas_type": "int64",
-              "numpy_type": "int64", "metadata": None}  # fmt: skip
-    pandas = {"index_columns": ["task"], "column_indexes": [], "columns": [number, column]}
+    columns = [
+        {"name": name, "field_name": name, "pandas_type": kind, "numpy_type": dtype,
+         "metadata": None}
+        for name, kind, dtype in (("task_index", "int64", "int64"), ("task", "unicode", "object"))
+    ]  # fmt: skip
+    pandas = {"index_columns": ["task"], "column_indexes": [], "columns": columns}
     table = library.table({"task_index": [0], "task": [task]})
     table = table.replace_schema_metadata({"pandas": json.dumps(pandas)})
     library.parquet.write_table(table, path)

@@ -24,11 +24,16 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.dataset_facts import STATE_ARRAYS, TIME_ARRAYS, array_names
+from swarmdata.interop.conversion.dataset_facts import (
+    NOTED_FACTS,
+    STATE_ARRAYS,
+    TIME_ARRAYS,
+    array_names,
+)
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.foreign_data import unread_note
 from swarmdata.interop.conversion.foreign_file import reading
-from swarmdata.interop.conversion.foreign_rows import admit_rows, check_lengths, flags_of
+from swarmdata.interop.conversion.foreign_rows import admit_rows, flags_of
 from swarmdata.interop.conversion.hdf5_reader import open_hdf5
 from swarmdata.interop.conversion.imported_data import (
     UNKNOWN_POLICIES,
@@ -76,9 +81,8 @@ KEPT_NAMES = {
     "agent_terminations": "infos/agent_terminations",
     "agent_truncations": "infos/agent_truncations",
     "layout": "infos/layout",
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
+    **dict.fromkeys(NOTED_FACTS, "metadata.json"),
 }
-LOST_REASONS: dict[str, str] = {}
 
 _SPARE_BYTES = 4 << 20
 """Bytes that HDF5 may need besides an episode's own, and to close the file."""
@@ -137,18 +141,14 @@ def _environments(dataset: Dataset, frame: str) -> dict[str, str]:
     from gymnasium.envs.registration import EnvSpec  # noqa: PLC0415  (only who converts needs it)
 
     def described(spec: TaskSpec, **options: Any) -> str:
-        text: str = EnvSpec(
+        return EnvSpec(
             id=f"swarmdata/{spec.task}-v{spec.version}",
             entry_point="swarmdata.envs.world.team_env:TeamEnv",
             disable_env_checker=True,  # it warns of observations without bounds
             kwargs={"spec": spec.model_dump(mode="json"), "frame": frame, **options},
         ).to_json()
-        return text
 
-    return {
-        "env_spec": described(world),
-        "eval_env_spec": described(dataset.task, reserved=True),
-    }
+    return {"env_spec": described(world), "eval_env_spec": described(dataset.task, reserved=True)}
 
 
 def misplaced(dataset: Dataset, path: Path) -> str | None:
@@ -186,15 +186,13 @@ def _buffers(
     costs = costs_of(episode.events)
     if costs is not None:
         infos["costs"] = costs
+    observations, actions = (
+        {agent.name: split_rows(getattr(agent, kind), rows[:, k]) for k, agent in enumerate(agents)}
+        for kind, rows in (("observation", episode.observations), ("action", episode.actions))
+    )
     return {
-        "observations": {
-            agent.name: split_rows(agent.observation, episode.observations[:, k])
-            for k, agent in enumerate(agents)
-        },
-        "actions": {
-            agent.name: split_rows(agent.action, episode.actions[:, k])
-            for k, agent in enumerate(agents)
-        },
+        "observations": observations,
+        "actions": actions,
         "rewards": episode.rewards.mean(axis=1, dtype=np.float64),
         "terminations": episode.terminations,
         "truncations": episode.truncations,
@@ -253,18 +251,17 @@ def _read_exported(found: Any, source: Path, note: ExportNote) -> ImportedData:
         spaces = found.observation_space.spaces
         widths = [width(space_of(spaces[k], f"space of {k}")) for k in note.spec.agent_names]
     agents = recorded_agents(note.spec, max(widths))
-    metadata = {"exported_from": note.id, "exported_digest": note.digest}
-    episodes = _exported_episodes(source, found, note, agents)
-    return ImportedData(note.spec, note.policies, episodes, note.episodes.assign_splits, metadata)
+    return note.imported(_exported_episodes(source, found, note, agents))
 
 
 def _read_foreign(
     found: Any, source: Path, task: str, choices: Choices, unread: list[str]
 ) -> ImportedData:
     agents, is_team = _foreign_agents(found, choices)
+    env_spec = getattr(found, "env_spec", None)
     content = {
         "task": task,
-        "library": _library_of(found),
+        "library": "" if env_spec is None else re.split(r"[:.]", str(env_spec.entry_point))[0],
         "agents": agents,
         "state_size": sum(width(agent.observation) for agent in agents),
         "state_from": "observations",
@@ -294,12 +291,6 @@ def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, 
         )
         for n in names
     ), True
-
-
-def _library_of(found: Any) -> str:
-    """The module of the environment, if its specification names one."""
-    spec = getattr(found, "env_spec", None)
-    return "" if spec is None else re.split(r"[:.]", str(spec.entry_point))[0]
 
 
 def _episodes(source: Path, found: Any) -> Iterator[Any]:
@@ -343,23 +334,23 @@ def _joint(
 def _exported_episodes(
     source: Path, found: Any, note: ExportNote, agents: tuple[RecordedAgent, ...]
 ) -> Iterator[Episode]:
-    table = note.episodes
     for k, data in enumerate(_episodes(source, found)):
         rows = _joint(data, agents, source, is_team=True)
         for name, key in _INFO_KEYS.items():
             if name in TIME_ARRAYS and key in data.infos:
                 rows[name] = data.infos[key]
         where = f"{source}, episode {data.id}"
-        for name in ("terminations", "truncations"):
-            rows[name] = flags_of(getattr(data, name), 1, f"{where}: {name}")[:, 0]
+        rows |= _flags(data, where)
         _check_rows(source, data, rows)
-        yield build_episode(
-            rows,
-            seed=table.seeds[k],
-            policy=table.policy[k],
-            end=table.end_reason[k],
-            layout=data.infos.get("layout"),
-        )
+        yield note.episode(k, rows, data.infos.get("layout"))
+
+
+def _flags(data: Any, where: str) -> dict[str, NDArray[Any]]:
+    """The team's flags, [T] each."""
+    return {
+        name: flags_of(getattr(data, name), 1, f"{where}: {name}")[:, 0]
+        for name in ("terminations", "truncations")
+    }
 
 
 def _check_rows(source: Path, data: Any, rows: Mapping[str, NDArray[Any]]) -> None:
@@ -382,18 +373,13 @@ def _foreign_episodes(
         rows["states"] = np.concatenate(observations, axis=1)
         where = f"{source}, episode {data.id}"
         rows |= admit_rows({"rewards": np.asarray(data.rewards)}, len(agents), where)
-        terminated, truncated = (
-            flags_of(getattr(data, name), 1, f"{where}: {name}")[:, 0]
-            for name in ("terminations", "truncations")
-        )
-        lengths = {"rewards": rows["rewards"], "terminations": terminated, "truncations": truncated}
-        check_lengths({name: len(each) for name, each in lengths.items()}, where)
-        ends = terminated | truncated
+        flags = _flags(data, where)
+        _check_rows(source, data, rows | flags)
+        ends = flags["terminations"] | flags["truncations"]
         if ends[:-1].any() or not ends[-1]:
             raise ConversionError(f"{where} does not end exactly once, in its last row")
-        end = "termination" if terminated[-1] else "truncation"
-        _check_rows(source, data, rows)
+        end = "termination" if flags["terminations"][-1] else "truncation"
         yield build_episode(rows, seed=number, policy=0, end=end)
 
 
-FORMAT = Format("minari", "Minari", KEPT_NAMES, LOST_REASONS, read, write, misplaced)
+FORMAT = Format("minari", "Minari", KEPT_NAMES, {}, read, write, misplaced)

@@ -9,7 +9,7 @@ in OMAR's particle data; `swarmdata.json` tells which it was.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
@@ -24,17 +24,18 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import (
     DATASET_FACTS,
     NEXT_PREFIX,
+    NOTED_FACTS,
     Arrays,
     step_blocks,
 )
-from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.export_note import (
+    NOTE_FILE,
     ExportNote,
     import_with_note,
-    note_of,
-    parse_note,
+    read_note,
+    write_note,
 )
-from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.foreign_data import Timeline, import_without_note
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import (
     check_lengths,
@@ -53,8 +54,6 @@ from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace, width
 from swarmdata.types import END_REASONS
 
-NOTE_FILE = "swarmdata.json"
-
 KEPT_NAMES = {
     "observations": "obs_<i>",
     "states": "states_<i>",
@@ -62,13 +61,11 @@ KEPT_NAMES = {
     "rewards": "rews_<i>",
     "terminations": "dones_<i>",
     "truncations": "dones_<i>",
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_FILE),
+    **dict.fromkeys(NOTED_FACTS, NOTE_FILE),
 }
 LOST_REASONS = {
     name: "OMAR and CFCQL have no such files" for name in DATASET_FACTS if name not in KEPT_NAMES
 }
-
-_HORIZON = END_REASONS.index("horizon")
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
@@ -82,9 +79,11 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
             for name, values in _columns(arrays, agents):
                 if name not in files:
                     files[name] = stack.enter_context((path / f"{name}.npy").open("wb"))
-                    _write_header(files[name], values, n_rows)
+                    header = np.lib.format.header_data_from_array_1_0(values)
+                    header |= {"fortran_order": False, "shape": (n_rows, *values.shape[1:])}
+                    np.lib.format.write_array_header_1_0(files[name], header)
                 files[name].write(np.ascontiguousarray(values).tobytes())
-    (path / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
+    write_note(dataset, path, frame)
 
 
 def _columns(arrays: Arrays, agents: Sequence[RecordedAgent]) -> Iterator[tuple[str, NDArray[Any]]]:
@@ -104,13 +103,6 @@ def _columns(arrays: Arrays, agents: Sequence[RecordedAgent]) -> Iterator[tuple[
             yield f"next_states_{k}", arrays[NEXT_PREFIX + "states"]
 
 
-def _write_header(file: BinaryIO, values: NDArray[Any], n_rows: int) -> None:
-    """Begins a file of `n_rows` rows like these, which are written one after another."""
-    header = np.lib.format.header_data_from_array_1_0(values)
-    shape = (n_rows, *values.shape[1:])
-    np.lib.format.write_array_header_1_0(file, {**header, "fortran_order": False, "shape": shape})
-
-
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     """Opens a folder that this library wrote, one of others, or a folder of several.
@@ -118,9 +110,8 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     Raises:
         ConversionError: files are missing or do not fit together, or the ends are ambiguous.
     """
-    note = source / NOTE_FILE
-    if note.is_file():
-        yield _read_exported(source, parse_note(note.read_bytes(), note))
+    if (note := read_note(source)) is not None:
+        yield _read_exported(source, note)
     else:
         yield read_foreign(source, task, choices)
 
@@ -128,10 +119,10 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     agents = _agents(source, len(note.spec.agent_names))
     dones = agents[0]["dones"]
-    at_horizon = np.array(note.episodes.end_reason) == _HORIZON
+    at_horizon = np.array(note.episodes.end_reason) == END_REASONS.index("horizon")
     truncated = np.repeat(at_horizon, note.episodes.lengths)
 
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
+    def rows(window: slice) -> Arrays:
         found, done = _joint(agents, window), dones[window] != 0
         return found | {
             "actions": found["actions"].astype(np.float32),
@@ -143,18 +134,16 @@ def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     return import_with_note(note, rows, len(dones), str(source))
 
 
-REQUIRED_PREFIXES = ("obs", "acs", "rews", "next_obs", "dones")
-STATE_PREFIXES = ("states", "next_states")
-ALL_PREFIXES = (*REQUIRED_PREFIXES, *STATE_PREFIXES)
-
 _JOINT_ARRAYS = {
     "obs": "observations",
     "next_obs": "next_observations",
     "acs": "actions",
     "rews": "rewards",
 }
+_REQUIRED_PREFIXES = (*_JOINT_ARRAYS, "dones")
+_STATE_PREFIXES = ("states", "next_states")
 
-Agents = Sequence[Mapping[str, NDArray[Any]]]
+Agents = Sequence[Arrays]
 
 
 def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
@@ -163,7 +152,15 @@ def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
     Raises:
         ConversionError: files are missing or do not fit together, or the ends are ambiguous.
     """
-    folders = [source] if (source / "obs_0.npy").exists() else _inner(source)
+    folders = [path.parent for path in (*source.glob("obs_0.npy"), *source.glob("*/obs_0.npy"))]
+    if not folders:
+        raise ConversionError(
+            f"{source} has neither obs_0.npy nor folders with it, expected for each agent i the "
+            f"files {', '.join(f'{name}_<i>.npy' for name in _REQUIRED_PREFIXES)}"
+        )
+    if folders[0] == source:
+        folders = [source]
+    folders.sort(key=lambda path: ([int(k) for k in re.findall(r"\d+", path.name)], path))
     runs = {folder: _agents(folder, len([*folder.glob("obs_*.npy")])) for folder in folders}
     kinds = {folder: _shapes(folder, agents) for folder, agents in runs.items()}
     shapes = kinds[folders[0]]
@@ -171,33 +168,28 @@ def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
         raise ConversionError(f"the folders of {source} have different shapes: {kinds}")
     counts = share_choices([each for kind in kinds.values() for each in kind.choices])
     shapes = replace(shapes, choices=counts[: len(shapes.choices)])
-    timelines = [_timeline(folder, agents) for folder, agents in runs.items()]
+    timelines = []
+    for folder, agents in runs.items():
+        dones = [flags_of(a["dones"], 1, f"{folder}: dones_{k}") for k, a in enumerate(agents)]
+        ends, read = np.concatenate(dones, axis=1), partial(_joint, agents)
+        timelines.append(Timeline(str(folder), ends, None, read, has_next=True))
     sources = tuple(
         PolicySource.parse({"label": folder.name, "name": "external"}, str(folder))
         for folder in folders
     )
     policies = sources if len(folders) > 1 else None
-    known = {f"{name}_{k}.npy" for k in range(len(shapes.actions)) for name in ALL_PREFIXES}
+    prefixes = (*_REQUIRED_PREFIXES, *_STATE_PREFIXES)
+    known = {f"{name}_{k}.npy" for k in range(len(shapes.actions)) for name in prefixes}
     unread = {path.name for folder in folders for path in folder.glob("*.npy")} - known
     return import_without_note(task, shapes, timelines, choices, policies, sorted(unread))
-
-
-def _inner(source: Path) -> list[Path]:
-    found = sorted(path.parent for path in source.glob("*/obs_0.npy"))
-    if not found:
-        raise ConversionError(
-            f"{source} has neither obs_0.npy nor folders with it, expected for each agent i the "
-            f"files {', '.join(f'{name}_<i>.npy' for name in REQUIRED_PREFIXES)}"
-        )
-    return sorted(found, key=lambda path: [int(k) for k in re.findall(r"\d+", path.name)])
 
 
 def _agents(folder: Path, n_agents: int) -> Agents:
     """Memory maps of every agent's arrays."""
     has_states = (folder / "states_0.npy").exists()
-    names = ALL_PREFIXES if has_states else REQUIRED_PREFIXES
+    names = (*_REQUIRED_PREFIXES, *(_STATE_PREFIXES if has_states else ()))
     agents = [
-        {name: map_array(folder / f"{name}_{agent}.npy") for name in names}
+        {name: _map_array(folder / f"{name}_{agent}.npy") for name in names}
         for agent in range(n_agents)
     ]
     rows = {
@@ -209,12 +201,8 @@ def _agents(folder: Path, n_agents: int) -> Agents:
     return agents
 
 
-def map_array(path: Path) -> NDArray[Any]:
-    """Maps an array of rows of numbers.
-
-    Raises:
-        ConversionError: there is no such file, or it holds something else.
-    """
+def _map_array(path: Path) -> NDArray[Any]:
+    """Maps an array of rows of numbers; ConversionError if the file is absent or something else."""
     if not path.is_file():
         raise ConversionError(f"{path} is missing, expected one for each obs_<i>.npy")
     with reading(path, "It is damaged, or not a NumPy file of numbers."):
@@ -238,11 +226,6 @@ def _shapes(folder: Path, agents: Agents) -> AgentShapes:
     )
 
 
-def _timeline(folder: Path, agents: Agents) -> Timeline:
-    flags = [flags_of(each["dones"], 1, f"{folder}: dones_{k}") for k, each in enumerate(agents)]
-    return Timeline(str(folder), np.concatenate(flags, axis=1), None, partial(_joint, agents), True)
-
-
 def _joint(agents: Agents, window: slice) -> dict[str, NDArray[Any]]:
     """Observations, actions and rewards of all agents, [n, N, columns], and the states."""
     found = {
@@ -250,7 +233,7 @@ def _joint(agents: Agents, window: slice) -> dict[str, NDArray[Any]]:
         for name, ours in _JOINT_ARRAYS.items()
     }
     if "states" in agents[0]:  # every agent has the same
-        found |= {name: agents[0][name][window] for name in STATE_PREFIXES}
+        found |= {name: agents[0][name][window] for name in _STATE_PREFIXES}
     return found
 
 

@@ -8,8 +8,9 @@ with the columns observations, actions, rewards, terminations, truncations, and 
 next_observations, states and next_states, as nested or flat lists.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,32 +28,36 @@ from swarmdata.hub.publishing.metadata.episode_parquet import (
 )
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
-    STATE_ARRAYS,
+    NOTED_FACTS,
     TIME_ARRAYS,
+    Arrays,
     row_shapes,
     step_blocks,
+    time_keys,
 )
-from swarmdata.interop.conversion.episode_cuts import Timeline
 from swarmdata.interop.conversion.export_note import (
+    NOTE_FILE,
     ExportNote,
     import_with_note,
-    note_of,
-    parse_note,
+    read_note,
+    write_note,
 )
-from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.foreign_data import (
+    BlockReader,
+    ReadRows,
+    Timeline,
+    import_without_note,
+)
+from swarmdata.interop.conversion.foreign_file import check_stored, reading
 from swarmdata.interop.conversion.foreign_rows import columns_of, flags_of, team_shapes
 from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.parquet_rows import Table
 from swarmdata.store import SPLITS
-from swarmdata.types import Int
-
-NOTE_FILE = "swarmdata.json"
 
 KEPT_NAMES = {
     **{name: name for name in TIME_ARRAYS},
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_FILE),
+    **dict.fromkeys(NOTED_FACTS, NOTE_FILE),
 }
 LOST_REASONS = {"layout": "it only has rows over time"}
 
@@ -66,7 +71,7 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
     for name in names:
         _write_split(dataset.split(name), path / _file(name))  # type: ignore[arg-type]
     (path / EPISODES_FILE).write_bytes(parquet_bytes(episode_table(dataset)))
-    (path / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
+    write_note(dataset, path, frame)
     configs = [
         {
             "config_name": "steps",
@@ -90,7 +95,10 @@ def _file(split: str) -> str:
 def _write_split(dataset: Dataset, path: Path) -> None:
     library = arrow()
     shapes = row_shapes(dataset)
-    fields = {name: _list_type(shape, dtype) for name, (shape, dtype) in shapes.items()}
+    fields = {
+        name: list_column(np.zeros((1, *shape), dtype)).type
+        for name, (shape, dtype) in shapes.items()
+    }
     schema = library.schema({"episode": library.int64(), "step": library.int64(), **fields})
     lengths = dataset.episodes.lengths
     episodes = np.repeat(dataset.selection, lengths)
@@ -98,20 +106,13 @@ def _write_split(dataset: Dataset, path: Path) -> None:
     with library.parquet.ParquetWriter(path, schema, compression="zstd") as writer:
         for first, arrays in step_blocks(dataset):
             rows = slice(first, first + len(arrays["actions"]))
-            columns = {name: _column(arrays[name]) for name in shapes}
+            columns = {name: list_column(arrays[name]) for name in shapes}
             table = {"episode": episodes[rows], "step": steps[rows], **columns}
             writer.write_table(library.table(table, schema), row_group_size=_GROUP_ROWS)
 
 
-def _list_type(shape: tuple[int, ...], dtype: np.dtype[Any]) -> Any:
-    library = arrow()
-    kind = library.from_numpy_dtype(dtype)
-    for size in reversed(shape):
-        kind = library.list_(kind, size)
-    return kind
-
-
-def _column(values: NDArray[Any]) -> Any:
+def list_column(values: NDArray[Any]) -> Any:
+    """Rows of numbers [n, ...] as nested lists of fixed length."""
     library = arrow()
     column = library.array(np.ascontiguousarray(values).reshape(-1))
     for size in reversed(values.shape[1:]):
@@ -126,31 +127,31 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
     Raises:
         ConversionError: it is neither, lacks columns, or is ambiguous.
     """
-    note = source / NOTE_FILE
-    if source.is_dir() and note.is_file():
-        yield _read_exported(source, parse_note(note.read_bytes(), note))
-    elif source.is_dir():
-        files = sorted(source.rglob("*.parquet"))
-        if len(files) != 1:
-            raise ConversionError(
-                f"{source} has no {NOTE_FILE} of an export, but {len(files)} Parquet files, "
-                "expected one with all steps. Convert a single file."
-            )
-        yield read_foreign_file(files[0], task, choices)
-    else:
-        yield read_foreign_file(source, task, choices)
+    if (note := read_note(source)) is not None:
+        yield _read_exported(source, note)
+        return
+    files = sorted(source.rglob("*.parquet")) if source.is_dir() else [source]
+    if len(files) != 1:
+        raise ConversionError(
+            f"{source} has no {NOTE_FILE} of an export, but {len(files)} Parquet files, "
+            "expected one with all steps. Convert a single file."
+        )
+    yield read_foreign_file(files[0], task, choices)
 
 
 def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     episodes = note.episodes
     codes, lengths = np.array(episodes.split), np.array(episodes.lengths)
-    names = [*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS)]
+    names = [*time_keys(KEPT_NAMES, lambda name: NEXT_PREFIX + name)]
     tables = {code: Table.open(source / _file(SPLITS[code]), names) for code in set(episodes.split)}
     readers = {code: table.reader(list(table.columns)) for code, table in tables.items()}
     starts = np.cumsum(lengths) - lengths
-    inside = _starts_in_split(codes, lengths)
+    inside = np.zeros_like(starts)  # the first row of each episode in the file of its split
+    for code in tables:
+        own = lengths[codes == code]
+        inside[codes == code] = np.cumsum(own) - own
 
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
+    def rows(window: slice) -> Arrays:
         episode = int(np.searchsorted(starts, window.start, "right")) - 1
         first = int(inside[episode])
         return readers[int(codes[episode])](slice(first, first + window.stop - window.start))
@@ -158,34 +159,23 @@ def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     return import_with_note(note, rows, sum(table.n_rows for table in tables.values()), str(source))
 
 
-def _starts_in_split(codes: NDArray[Any], lengths: Int) -> Int:
-    """First row of each episode in the file of its split."""
-    starts = np.zeros(len(codes), dtype=np.int64)
-    for code in np.unique(codes):
-        chosen = codes == code
-        starts[chosen] = np.cumsum(lengths[chosen]) - lengths[chosen]
-    return starts
-
-
-REQUIRED_COLUMNS = ("observations", "actions", "rewards", "terminations")
-OPTIONAL_COLUMNS = ("next_observations", "states", "next_states", "truncations")
-_FLAG_COLUMNS = ("terminations", "truncations")
-_STATE_COLUMNS = {"states", "next_states"}
+_REQUIRED_COLUMNS = ("observations", "actions", "rewards", "terminations")
+_OPTIONAL_COLUMNS = ("next_observations", "states", "next_states", "truncations")
 
 
 def read_foreign_file(path: Path, task: str, choices: Choices) -> ImportedData:
-    """Imports a file with `REQUIRED_COLUMNS` and possibly `OPTIONAL_COLUMNS`.
+    """Imports a file of steps.
 
     Raises:
         ConversionError: it is no such file, or is ambiguous.
     """
-    table = Table.open(path, (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS))
-    absent = [name for name in REQUIRED_COLUMNS if name not in table.columns]
+    table = Table.open(path, (*_REQUIRED_COLUMNS, *_OPTIONAL_COLUMNS))
+    absent = [name for name in _REQUIRED_COLUMNS if name not in table.columns]
     if absent:
         raise ConversionError(f"{path} has no columns {absent}, but {sorted(table.names)}")
     names = set(table.columns)
-    if not names >= _STATE_COLUMNS:
-        names -= _STATE_COLUMNS
+    if not names >= {"states", "next_states"}:
+        names -= {"states", "next_states"}
     has_states = "states" in names
     n_states = columns_of((table.n_rows, *table.columns["states"])) if has_states else 0
     shape = (table.n_rows, *table.columns["observations"])
@@ -193,7 +183,7 @@ def read_foreign_file(path: Path, task: str, choices: Choices) -> ImportedData:
     n_agents = len(shapes.observations)
     flags = {
         name: flags_of(table.whole(name), n_agents, f"{path}: {name}")
-        for name in _FLAG_COLUMNS
+        for name in ("terminations", "truncations")
         if name in names
     }
     timeline = Timeline(
@@ -205,6 +195,105 @@ def read_foreign_file(path: Path, task: str, choices: Choices) -> ImportedData:
     )
     unread = sorted(set(table.names) - names)
     return import_without_note(task, shapes, [timeline], choices, unread=unread)
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A Parquet file of numbers and lists of numbers."""
+
+    path: Path  # the file
+    columns: Mapping[str, tuple[int, ...]]
+    """Shape of a row of each column of numbers, by name; the same in all rows."""
+    names: Sequence[str]  # all columns, others included
+    n_rows: int  # number of rows
+
+    @classmethod
+    def open(cls, path: Path, wanted: Sequence[str]) -> "Table":
+        """Opens the columns of a file that are wanted, where it has them.
+
+        Raises:
+            ConversionError: it is not a Parquet file, is empty, or a column is not of numbers.
+        """
+        file = _open(path)
+        if not file.metadata.num_rows:
+            raise ConversionError(f"{path} has no rows, expected at least 1")
+        schema = file.schema_arrow
+        names = [name for name in wanted if name in schema.names]
+        for name in names:
+            _check_numbers(schema.field(name).type, f"{path}: column {name!r}")
+        with reading(path):
+            first = next(file.iter_batches(1, columns=names))
+            shapes = {name: _shape(first.column(name)[0].as_py()) for name in names}
+        table = cls(path, shapes, schema.names, file.metadata.num_rows)
+        check_stored(path, table.n_rows * table.row_bytes, path.stat().st_size)
+        return table
+
+    @property
+    def row_bytes(self) -> int:
+        """Bytes of a row in memory, about."""
+        return sum(4 * int(np.prod(shape)) for shape in self.columns.values())
+
+    def reader(self, names: list[str]) -> ReadRows:
+        """Returns a reader of windows of rows of some columns, [n, *shape]."""
+        file = _open(self.path)
+        sizes = [file.metadata.row_group(k).num_rows for k in range(file.num_row_groups)]
+        ends = np.cumsum(sizes)
+
+        def read(window: slice) -> Arrays:
+            last_row = max(window.start, window.stop - 1)
+            first, last = np.searchsorted(ends, [window.start, last_row], "right")
+            table = file.read_row_groups(range(int(first), int(last) + 1), columns=names)
+            skipped = int(ends[first] - sizes[first])
+            part = table.slice(window.start - skipped, window.stop - window.start)
+            return {name: self._array(name, part.column(name)) for name in names}
+
+        return BlockReader(read, self.n_rows, self.row_bytes, self.path)
+
+    def whole(self, name: str) -> NDArray[Any]:
+        """All rows of one column."""
+        return np.asarray(self.reader([name])(slice(0, self.n_rows))[name])
+
+    def _array(self, name: str, column: Any) -> NDArray[Any]:
+        n, shape = len(column), self.columns[name]
+        column = column.combine_chunks()
+        nulls = column.null_count
+        while arrow().types.is_nested(column.type):
+            column = column.flatten()
+            nulls += column.null_count
+        values = column.to_numpy(zero_copy_only=False)
+        if len(values) != n * int(np.prod(shape)) or nulls:
+            raise ConversionError(
+                f"{self.path}: column {name!r} has rows of different lengths or nulls, expected "
+                f"rows of shape {shape} as the first one"
+            )
+        return np.asarray(values).reshape(n, *shape)
+
+
+def _shape(value: Any) -> tuple[int, ...]:
+    """Shape of nested lists; () for a single value."""
+    sizes = []
+    while isinstance(value, list):
+        sizes.append(len(value))
+        value = value[0] if value else None
+    return tuple(sizes)
+
+
+def _check_numbers(kind: Any, where: str) -> None:
+    """Raises ConversionError unless a type is that of numbers, or of lists of them."""
+    types, inner = arrow().types, kind
+    while types.is_list(inner) or types.is_large_list(inner) or types.is_fixed_size_list(inner):
+        inner = inner.value_type
+    if not (types.is_integer(inner) or types.is_floating(inner) or types.is_boolean(inner)):
+        raise ConversionError(
+            f"{where} is of type {kind}, expected numbers or lists of numbers. Convert the column "
+            "before, or leave it out."
+        )
+
+
+def _open(path: Path) -> Any:
+    library = arrow()
+    with reading(path, "It is damaged, or not a Parquet file."):
+        return library.parquet.ParquetFile(path, memory_map=True)
 
 
 FORMAT = Format("parquet", "Parquet (Hugging Face datasets)", KEPT_NAMES, LOST_REASONS, read, write)

@@ -23,19 +23,19 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
-    STATE_ARRAYS,
-    TIME_ARRAYS,
+    NOTED_FACTS,
+    Arrays,
     step_blocks,
+    time_keys,
 )
-from swarmdata.interop.conversion.episode_cuts import BlockReader, Timeline
 from swarmdata.interop.conversion.export_note import (
     ExportNote,
     import_with_note,
     note_of,
     parse_note,
 )
-from swarmdata.interop.conversion.foreign_data import import_without_note
-from swarmdata.interop.conversion.foreign_file import check_stored, folder_bytes, reading
+from swarmdata.interop.conversion.foreign_data import BlockReader, Timeline, import_without_note
+from swarmdata.interop.conversion.foreign_file import check_stored, reading
 from swarmdata.interop.conversion.foreign_rows import (
     agent_columns,
     columns_of,
@@ -51,13 +51,8 @@ from swarmdata.types import Bool
 
 NOTE_KEY = "swarmdata"
 
-QUIET_SECONDS = 0.5
-"""How long the files of a failed export must stay the same before they are removed."""
-
-MAX_WAIT_SECONDS = 10.0
-"""How long to wait for that."""
-
-_FLAGS = ("terminals", "truncations")
+QUIET_SECONDS = 0.5  # that the files of a failed export stay the same before they are removed
+MAX_WAIT_SECONDS = 10.0  # for that
 
 KEPT_NAMES = {
     "observations": "observations",
@@ -70,7 +65,7 @@ KEPT_NAMES = {
     "action_masks": "infos.legals",
     "agent_terminations": "infos.agent_terminals",
     "agent_truncations": "infos.agent_truncations",
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), "metadata.json"),
+    **dict.fromkeys(NOTED_FACTS, "metadata.json"),
 }
 LOST_REASONS = {
     **dict.fromkeys(
@@ -79,6 +74,8 @@ LOST_REASONS = {
     ),
     "layout": "it only has rows over time",
 }
+
+_TIME_KEYS = time_keys(KEPT_NAMES, lambda key: f"infos.{NEXT_PREFIX}{key.rpartition('.')[2]}")
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
@@ -114,41 +111,30 @@ def _ended(folder: Path) -> Iterator[None]:
         yield
     except Exception:
         deadline, seen = time.monotonic() + MAX_WAIT_SECONDS, None
-        while (now := _sizes(folder)) != seen and time.monotonic() < deadline:
-            seen = now
+        while time.monotonic() < deadline:
+            sizes = {}
+            for file in folder.rglob("*"):
+                with contextlib.suppress(FileNotFoundError):  # one may go meanwhile
+                    sizes[file] = file.stat().st_size
+            if sizes == seen:
+                break
+            seen = sizes
             time.sleep(QUIET_SECONDS)
         raise
 
 
-def _sizes(folder: Path) -> dict[str, int]:
-    """Bytes of each file; one that goes meanwhile has none."""
-    found = {}
-    for file in folder.rglob("*"):
-        with contextlib.suppress(FileNotFoundError):
-            found[str(file)] = file.stat().st_size
-    return found
-
-
-def _leaves(arrays: Mapping[str, NDArray[Any]]) -> dict[str, Any]:
+def _leaves(arrays: Arrays) -> dict[str, Any]:
     """Rows as a vault's tree, [1, n, ...]; every agent gets the team's flags."""
     n_agents = arrays["rewards"].shape[1]
     tree: dict[str, Any] = {"infos": {}}
     for name, values in arrays.items():
-        key = _key(name)
-        if key is None:
+        if name not in _TIME_KEYS:
             continue
         if name in ("terminations", "truncations"):
             values = np.repeat(values[:, None], n_agents, axis=1)  # noqa: PLW2901
-        folder, _, leaf = key.rpartition(".")
+        folder, _, leaf = _TIME_KEYS[name].rpartition(".")
         (tree[folder] if folder else tree)[leaf] = values[None]
     return tree
-
-
-def _key(name: str) -> str | None:
-    if not name.startswith(NEXT_PREFIX):
-        return KEPT_NAMES.get(name)
-    key = KEPT_NAMES.get(name.removeprefix(NEXT_PREFIX))
-    return None if key is None else f"infos.{NEXT_PREFIX}{key.rpartition('.')[2]}"
 
 
 @contextlib.contextmanager
@@ -181,7 +167,8 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
             f"{source} says that it has {n} rows, expected at least 1 and no more than its leaves "
             f"have{f': {short}' if short else ''}"
         )
-    check_stored(source, n * _row_bytes(leaves), folder_bytes(source))
+    stored = sum(path.stat().st_size for path in source.rglob("*") if path.is_file())
+    check_stored(source, n * _row_bytes(leaves), stored)
     if len(leaves["rewards"].shape) != 3 or len(leaves["observations"].shape) < 3:
         shapes = {name: leaves[name].shape for name in ("observations", "rewards")}
         raise ConversionError(f"{source} has leaves {shapes}, expected [B, T, N, O] and [B, T, N]")
@@ -196,8 +183,7 @@ def _names(tree: Mapping[str, Any], prefix: str = "") -> list[str]:
     """Names of all leaves, joined by dots."""
     found = []
     for key, value in tree.items():
-        inner = _names(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [prefix + key]
-        found += inner
+        found += _names(value, f"{prefix}{key}.") if isinstance(value, Mapping) else [prefix + key]
     return found
 
 
@@ -215,15 +201,21 @@ def _row_bytes(leaves: Mapping[str, Any]) -> int:
                    for leaf in leaves.values()))  # fmt: skip
 
 
+def _rows(
+    leaves: Mapping[str, Any], names: Mapping[str, str], timeline: int, window: slice
+) -> dict[str, NDArray[Any]]:
+    """Rows of some leaves, by our names, which are read at the same time."""
+    pending = {name: leaves[key][timeline, window].read() for name, key in names.items()}
+    return {name: np.asarray(each.result()) for name, each in pending.items()}
+
+
 def _read_exported(
     leaves: Mapping[str, Any], n: int, source: Path, note: ExportNote
 ) -> ImportedData:
-    all_names = (*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS))
-    names = {name: key for name in all_names if (key := _key(name)) and key in leaves}
+    names = {name: key for name, key in _TIME_KEYS.items() if key in leaves}
 
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        pending = {name: leaves[key][0, window].read() for name, key in names.items()}
-        found = {name: np.asarray(each.result()) for name, each in pending.items()}
+    def rows(window: slice) -> Arrays:
+        found = _rows(leaves, names, 0, window)
         for name in ("terminations", "truncations"):
             found[name] = found[name][:, 0]
         return found
@@ -259,7 +251,7 @@ def _read_foreign(
     timelines = [
         _timeline(leaves, n, names, source, row) for row in range(leaves["rewards"].shape[0])
     ]
-    unread = set(leaves) - set(names.values()) - set(_FLAGS)
+    unread = set(leaves) - set(names.values()) - {"terminals", "truncations"}
     return import_without_note(task, shapes, timelines, choices, unread=sorted(unread))
 
 
@@ -269,27 +261,21 @@ def _timeline(
     """One of the B timelines of a vault."""
     where, n_agents = f"{source} (timeline {row})", leaves["rewards"].shape[2]
 
-    def rows(window: slice) -> Mapping[str, NDArray[Any]]:
-        pending = {name: leaves[key][row, window].read() for name, key in names.items()}
-        found = {name: np.asarray(each.result()) for name, each in pending.items()}
-        return {
-            name: _without_padding(values) if name.endswith("observations") else values
-            for name, values in found.items()
-        }
+    def rows(window: slice) -> Arrays:
+        found = _rows(leaves, names, row, window)
+        for name in found.keys() & {"observations", "next_observations"}:
+            values = found[name]  # padding is -inf in OMAR's data
+            found[name] = np.where(np.isneginf(values), values.dtype.type(0), values)
+        return found
 
     def flags(name: str) -> Bool:
         with reading(where):
-            values = np.asarray(leaves[name][row, 0:n].read().result())
+            values = _rows(leaves, {name: name}, row, slice(0, n))[name]
         return flags_of(values, n_agents, f"{where}: {name}")
 
     ahead = BlockReader(rows, n, _row_bytes(leaves), where)
     truncations = flags("truncations") if "truncations" in leaves else None
     return Timeline(where, flags("terminals"), truncations, ahead, "next_observations" in names)
-
-
-def _without_padding(values: NDArray[Any]) -> NDArray[Any]:
-    """Observations whose padding, -inf, is zero, as OMAR's data in OG-MARL have it."""
-    return np.where(np.isneginf(values), values.dtype.type(0), values)
 
 
 FORMAT = Format("vault", "OG-MARL Vault (Flashbax)", KEPT_NAMES, LOST_REASONS, read, write)

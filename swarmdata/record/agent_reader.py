@@ -9,7 +9,6 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.record.episode_buffer import Outcome
-from swarmdata.record.foreign_environment import ACTION_MASK_KEY
 from swarmdata.specs.origins import RecordedAgent
 from swarmdata.specs.spaces import (
     DiscreteSpace,
@@ -26,6 +25,9 @@ from swarmdata.specs.spaces import (
 )
 from swarmdata.types import Bool, Float, FloatOrByte
 
+ACTION_MASK_KEY = "action_mask"
+"""Key of the action mask in an agent's info or observation (PettingZoo, "Action Masking")."""
+
 SUCCESS_KEYS = ("success", "is_success")
 """Keys of infos that tell whether the task was solved."""
 
@@ -34,18 +36,15 @@ SUCCESS_KEYS = ("success", "is_success")
 class AgentReader:
     """Reads values by agent, of an environment or its policies, into arrays of all agents.
 
-    Arrays are copies, because environments reuse theirs.
+    Arrays are copies, because environments reuse theirs. What is missing, does not fit its space or
+    is not finite in float32 raises SchemaError.
     """
 
     names: tuple[Any, ...]  # possible agents as the environment names them, [N]
     agents: tuple[RecordedAgent, ...]  # their descriptions, [N]
 
     def alive(self, present: Sequence[Any]) -> Bool:
-        """Which agents are in the environment's `agents`, [N].
-
-        Raises:
-            SchemaError: an agent is not one of the possible agents.
-        """
+        """Which agents are in the environment's `agents`, [N]; SchemaError if one is unknown."""
         unknown = [name for name in present if name not in self.names]
         if unknown:
             raise SchemaError(
@@ -74,11 +73,7 @@ class AgentReader:
         return stack_agents(rows), np.concatenate(rows)
 
     def actions(self, given: Mapping[Any, Any], alive: Bool) -> Float:
-        """Actions of all agents; zeros for agents that are not alive, [N, A].
-
-        Raises:
-            SchemaError: an agent that acts has no action, or one that is not in its space.
-        """
+        """Actions of all agents; zeros for agents that are not alive, [N, A]."""
         spaces = [agent.action for agent in self.agents]
         rows = stack_agents(self._rows(given, alive, "action", spaces))
         self._limits.check(rows, alive, self.names)
@@ -90,11 +85,7 @@ class AgentReader:
         return limits_of([agent.action for agent in self.agents])
 
     def numbers(self, given: Mapping[Any, Any], acted: Bool, what: str) -> Float:
-        """One number, such as the reward, of each agent that acted; zero for the others, [N].
-
-        Raises:
-            SchemaError: a number is missing, not finite, or not one that float32 holds.
-        """
+        """One number, such as the reward, of each agent that acted; zero for the others, [N]."""
         numbers = np.zeros(len(self.names), dtype=np.float32)
         known = self._require(given, acted, what)
         for index, name in enumerate(self.names):
@@ -116,9 +107,6 @@ class AgentReader:
         """Allowed choices, [N, C]: all for a living agent without a mask, none for a dead one.
 
         The choices of a multi-discrete action are those of its parts, one after the other.
-
-        Raises:
-            SchemaError: a mask has the wrong length.
         """
         counts = [n_choices(agent.action) for agent in self.agents]
         masks = np.zeros((len(counts), max(counts)), dtype=np.bool_)

@@ -95,7 +95,7 @@ def played_episode(
         rewards: [T, N].
         ended: which agents have ended, [T, N]; in the last step all do.
         is_cut: whether the last step truncates those that are left.
-        reason: why the episode ended.
+        reason: of the end.
     """
     T, N = ended.shape
     gone = np.logical_or.accumulate(ended, axis=0)

@@ -1,7 +1,8 @@
 """EpisodeBuffer: the rows of a running episode, and the `Episode` made of them when it ends."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -11,12 +12,12 @@ from swarmdata.types import END_REASONS, Bool, Counts, Episode, Float, FloatOrBy
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StateRow:
-    """The state between two steps; its arrays are not shared."""
+    """The state between two steps, by the names of an episode's fields; its arrays are its own."""
 
     observations: FloatOrByte  # [N, O]
-    state: FloatOrByte  # [S]
+    states: FloatOrByte  # [S]
     alive: Bool  # [N] agents that act next
-    masks: Bool | None  # [N, C] allowed choices, None where there are no masks
+    action_masks: Bool | None  # [N, C] allowed choices, None where there are no masks
     sent: Float  # [N, P]
     delivered: Bool  # [N, N], or [N, 0] without a channel
     ages: Counts  # shape of `delivered`
@@ -24,13 +25,13 @@ class StateRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepRow:
-    """One joint action and its consequences; its arrays are not shared."""
+    """One joint action and its consequences, likewise."""
 
     actions: Float  # [N, A]
     log_probs: Float  # [N], or [0] if none are recorded
     rewards: Float  # [N]
-    terminations: Bool  # [N] of agents that acted
-    truncations: Bool  # [N] of agents that acted and were not terminated
+    agent_terminations: Bool  # [N] of agents that acted
+    agent_truncations: Bool  # [N] of agents that acted and were not terminated
     events: Counts  # [N, 4], or [N, 0] without events
     reward_terms: Float | None = None  # [N, R] of a task of this library
 
@@ -69,42 +70,30 @@ class EpisodeBuffer:
             is_cut: whether the episode was left before its end; agents that were alive then count
                 as truncated.
         """
-        rows, states, last = self.steps, self.states, len(self) - 1
-        agent_terminations = np.stack([row.terminations for row in rows])
-        agent_truncations = np.stack([row.truncations for row in rows])
-        alive = np.stack([row.alive for row in states])
+        arrays = {**_stacked(self.states), **_stacked(self.steps)}
         if is_cut:
-            agent_truncations[last] |= alive[-1]
-            alive[-1] = False
-        is_truncated = bool(agent_truncations[last].any())
-        at_end = np.arange(len(self)) == last
+            arrays["agent_truncations"][-1] |= arrays["alive"][-1]
+            arrays["alive"][-1] = False
+        is_truncated = bool(arrays["agent_truncations"][-1].any())
+        at_end = np.arange(len(self)) == len(self) - 1
         end_reason = "horizon" if is_truncated else outcome or "ended"
         if outcome == "success":
             end_reason = "success"
-        masks = [row.masks for row in states if row.masks is not None]
-        terms = [row.reward_terms for row in rows if row.reward_terms is not None]
         return Episode(
-            observations=np.stack([row.observations for row in states]),
-            states=np.stack([row.state for row in states]),
-            actions=np.stack([row.actions for row in rows]),
-            log_probs=np.stack([row.log_probs for row in rows]),
-            rewards=np.stack([row.rewards for row in rows]),
+            **arrays,
             terminations=at_end & (not is_truncated),
             truncations=at_end & is_truncated,
-            events=np.stack([row.events for row in rows]),
-            sent=np.stack([row.sent for row in states]),
-            delivered=np.stack([row.delivered for row in states]),
-            ages=np.stack([row.ages for row in states]),
             layout=self.layout,
             seed=self.seed,
             policy=self.policy,
             end_reason=END_REASONS.index(end_reason),
-            reward_terms=np.stack(terms) if terms else None,
-            alive=alive,
-            action_masks=np.stack(masks) if masks else None,
-            agent_terminations=agent_terminations,
-            agent_truncations=agent_truncations,
         )
+
+
+def _stacked(rows: Sequence[StateRow] | Sequence[StepRow]) -> dict[str, Any]:
+    """The arrays of some rows, [len(rows), ...] each; None where the rows have none."""
+    columns = {name: [getattr(row, name) for row in rows] for name in rows[0].__slots__}
+    return {name: None if each[0] is None else np.stack(each) for name, each in columns.items()}
 
 
 ARRAY_BYTES = 128

@@ -1,30 +1,20 @@
 """Plays trained policies in the environments that datasets were recorded in."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from swarmdata.datasets.action_scaling import ActionScale, action_scale, choices_of
+from swarmdata.datasets.action_scaling import action_scale, choices_of
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.record.agent_reader import AgentReader, Presence
-from swarmdata.record.foreign_environment import describe_agents
 from swarmdata.record.joint_environment import as_parallel
-from swarmdata.record.recording_description import state_source
+from swarmdata.record.recording_description import describe_agents, state_source
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import to_float32, unflatten
-from swarmdata.types import (
-    Bool,
-    Double,
-    EvalResult,
-    Float,
-    FloatOrByte,
-    Seeds,
-    Step,
-    blank_step,
-)
+from swarmdata.types import Bool, EvalResult, Float, FloatOrByte, Seeds, Step, blank_step
 
 PLAYED_METRICS = ("return", "length", "success")
 """Metrics of each episode; success is NaN if the environment does not report it."""
@@ -54,17 +44,8 @@ def policy_actions(
         SchemaError: the environment's actions are unbounded or of mixed kinds, the policy chose an
             action that does not exist, or it has no `act_among` and there are masks.
     """
-    return _actions_by_agent(policy, spec, _action_scale(spec), step, allowed)
-
-
-def _action_scale(spec: RecordedSpec) -> ActionScale | None:
-    """The map from [-1, 1] to the environment's units; None for discrete actions."""
-    return None if choices_of(spec) else action_scale(spec)
-
-
-def _actions_by_agent(
-    policy: Policy, spec: RecordedSpec, scale: ActionScale | None, step: Step, allowed: Bool | None
-) -> dict[str, Any]:
+    choices = choices_of(spec)
+    scale = None if choices else action_scale(spec)
     if allowed is None:
         actions = policy.act(step)[0]
     elif isinstance(policy, ChoosesAmong):
@@ -75,16 +56,7 @@ def _actions_by_agent(
             f"{type(policy).__name__} has no act_among(step, allowed). Policies of vdn and qmix "
             "have it."
         )
-    if scale is None:
-        _check_choices(actions, spec)
-    rows = actions if scale is None else scale.to_environment(actions)
-    agents = zip(spec.agents, rows, strict=True)
-    return {agent.name: unflatten(agent.action, row) for agent, row in agents}
-
-
-def _check_choices(actions: Float, spec: RecordedSpec) -> None:
-    """Raises SchemaError unless all actions are discrete choices that exist."""
-    for agent, row, columns in zip(spec.agents, actions, choices_of(spec), strict=True):
+    for agent, row, columns in zip(spec.agents, actions, choices, strict=False):
         for column, (choice, known) in enumerate(zip(row, columns, strict=False)):
             if float(choice) not in known:
                 raise SchemaError(
@@ -92,6 +64,9 @@ def _check_choices(actions: Float, spec: RecordedSpec) -> None:
                     f"{agent.name}, expected a whole number from {known.start} to "
                     f"{known.stop - 1}. Train it with an algorithm that learns choices."
                 )
+    rows = actions if scale is None else scale.to_environment(actions)
+    agents = zip(spec.agents, rows, strict=True)
+    return {agent.name: unflatten(agent.action, row) for agent, row in agents}
 
 
 def step_of(observations: FloatOrByte, state: FloatOrByte, *, seed: int, time: int) -> Step:
@@ -149,17 +124,12 @@ def evaluate_parallel(
         rows = np.array([_play(policy, env, reader, spec, int(seed), limit) for seed in seeds])
     finally:
         env.close()
-    metrics: Mapping[str, Double] = dict(zip(PLAYED_METRICS, rows.T.copy(), strict=True))
+    metrics = dict(zip(PLAYED_METRICS, rows.T.copy(), strict=True))
     return EvalResult(name, spec.task, spec.hash(), np.asarray(seeds, np.uint64), metrics)
 
 
 def _play(
-    policy: Policy,
-    env: Any,
-    reader: AgentReader,
-    spec: RecordedSpec,
-    seed: int,
-    limit: ThreadLimit,
+    policy: Policy, env: Any, reader: AgentReader, spec: RecordedSpec, seed: int, limit: ThreadLimit
 ) -> tuple[float, float, float]:
     """Plays one episode: return, length, success."""
     observations, infos = env.reset(seed=seed)
@@ -167,7 +137,6 @@ def _play(
     alive, team_return, time = presence.alive, 0.0, 0
     wanted = "auto" if spec.state_from == "poses" else spec.state_from  # of logs, none of an env
     source, _ = state_source(env, reader, wanted)
-    scale = _action_scale(spec)
     seen = alive
     while alive.any():
         rows, state = reader.observations(observations, seen)
@@ -180,7 +149,7 @@ def _play(
         if reader.has_masks(observations, infos):
             allowed = reader.masks(observations, infos, alive)
         with limit:  # not while the environment works
-            chosen = _actions_by_agent(policy, spec, scale, step, allowed)
+            chosen = policy_actions(policy, spec, step, allowed)
         acted = alive
         names = [name for name, is_acting in zip(reader.names, acted, strict=True) if is_acting]
         observations, rewards, terminations, truncations, infos = env.step(

@@ -8,6 +8,7 @@ Rutherford et al., "JaxMARL: Multi-Agent RL Environments and Algorithms in JAX",
 Pshenitsyn et al., "CAMAR: Continuous Actions Multi-Agent Routing", AAAI 2026.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,11 +20,15 @@ from numpy.typing import NDArray
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.record.batch_recording import check_request, played_episode, record_batches
-from swarmdata.record.foreign_environment import clean_name, library_of
-from swarmdata.record.recording_description import foreign_spec, make_recording
+from swarmdata.record.recording_description import (
+    clean_name,
+    foreign_spec,
+    library_of,
+    make_recording,
+)
 from swarmdata.record.recording_folder import Limits
 from swarmdata.record.reset_seeds import SeedStream, default_seed
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.origins import RecordedAgent
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import BoxSpace, Space, common_bound, space_of, stack_agents
 from swarmdata.types import Bool, Episode, Float
@@ -91,13 +96,19 @@ def record_jax(
     player = _Player(world, policy, horizon)
     first = SeedStream(seed, set())
     player.find_horizon([first.draw() for _ in range(n_copies)])
-    spec = _spec_of(env, world, task, options, player)
-    recording = make_recording(spec, id, policies, metadata, seed, splits or Splits())
+    library, columns = library_of(env), player.state_columns()
+    spec = foreign_spec(
+        world.agents, task or clean_name(type(env).__name__), *library,
+        {**(options or {}), "state": columns}, player.horizon,
+        state_size=sum(map(math.prod, columns.values())), state_from="environment",
+    )  # fmt: skip
+    recording = make_recording(spec, id, policies, metadata, seed, splits)
 
-    def play(seeds: SeedStream) -> list[Episode]:
-        return player.play([seeds.draw() for _ in range(n_copies)])
-
-    return record_batches(recording, path, n_episodes, limits, play, drawn=lambda seed: seed)
+    return record_batches(
+        recording, path, n_episodes, limits,
+        play=lambda seeds: player.play([seeds.draw() for _ in range(n_copies)]),
+        drawn=lambda seed: seed,
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,30 +189,8 @@ def _space(space: Any, where: str) -> Space:
     )
 
 
-def _spec_of(
-    env: Any,
-    world: _World,
-    task: str | None,
-    options: Mapping[str, Any] | None,
-    player: "_Player",
-) -> RecordedSpec:
-    library, version = library_of(env)
-    columns = player.state_columns()
-    settings = {**(options or {}), "state": columns}
-    name = task or clean_name(type(env).__name__)
-    spec = foreign_spec(world.agents, name, library, version, settings, player.horizon)
-    size = sum(int(np.prod(shape)) for shape in columns.values())
-    return spec.model_copy(update={"state_size": size, "state_from": "environment"})
-
-
 class _Player:
-    """Plays whole episodes.
-
-    Args:
-        world: where.
-        policy: who.
-        horizon: most steps of an episode; None: see `find_horizon`.
-    """
+    """Plays whole episodes."""
 
     def __init__(self, world: _World, policy: JaxPolicy, horizon: int | None) -> None:
         import jax  # noqa: PLC0415  (the user's environment has it)
@@ -250,11 +239,7 @@ class _Player:
             self.horizon = self._world.n_steps - 1
 
     def play(self, seeds: Sequence[int]) -> list[Episode]:
-        """One episode of each seed.
-
-        Raises:
-            SchemaError: an episode is longer than the horizon.
-        """
+        """One episode of each seed; SchemaError if one is longer than the horizon."""
         import jax  # noqa: PLC0415
 
         played = jax.tree.map(np.asarray, self._play(np.array(seeds, np.int32)))

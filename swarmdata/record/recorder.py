@@ -15,16 +15,16 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, UnknownNameError
 from swarmdata.record.agent_reader import AgentReader, Presence
 from swarmdata.record.episode_buffer import EpisodeBuffer, StateRow, StepRow
-from swarmdata.record.foreign_environment import describe_agents
 from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import (
     StateSource,
+    describe_agents,
     describe_recording,
     is_own_task,
     state_source,
 )
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
-from swarmdata.record.reset_seeds import SeedStream, default_seed
+from swarmdata.record.reset_seeds import SeedStream
 from swarmdata.runtime.atomic import is_vacant
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import PolicySource, Splits
@@ -61,22 +61,17 @@ class EnvironmentReader:
             infos: by agent.
             alive: agents that act next, [N].
             seen: agents that act next or acted in the step before, [N].
-
-        Raises:
-            SchemaError: a value does not fit its space, or is not finite.
         """
         rows, concatenated = self.reader.observations(observations, seen)
+        messages = no_messages(len(alive))
         if self.is_own_task:
             step = self.env.current_step
-            names = ("sent", "delivered", "ages")
-            messages = {name: getattr(step, name)[0].copy() for name in names}
-        else:
-            messages = no_messages(len(alive))
+            messages = {name: getattr(step, name)[0].copy() for name in messages}
         return StateRow(
             observations=rows,
-            state=self._state(concatenated),
+            states=self._state(concatenated),
             alive=alive,
-            masks=self._masks(observations, infos, alive),
+            action_masks=self._masks(observations, infos, alive),
             **messages,
         )
 
@@ -199,9 +194,8 @@ class Recorder(BaseParallelWrapper):
                 f"{path} exists. Record to another path, or move it away; a published version "
                 "never changes, so give a changed dataset a new version."
             )
-        seed = default_seed(id) if seed is None else seed
         self._recording = describe_recording(
-            env, id, policies, task, options, horizon, metadata, seed, splits or Splits()
+            env, id, policies, task, options, horizon, metadata, seed, splits
         )
         self._labels = [source.label for source in self._recording.policies]
         self._reader = AgentReader(tuple(env.possible_agents), describe_agents(env))
@@ -209,7 +203,7 @@ class Recorder(BaseParallelWrapper):
         self._folder = RecordingFolder(Path(path), limits)
         # a script that ends without closing loses no finished episode
         self._flush_at_exit = weakref.finalize(self, self._folder.flush)
-        self._seeds = SeedStream(seed, self._folder.seeds())
+        self._seeds = SeedStream(self._recording.seed, self._folder.seeds())
         self._environment: EnvironmentReader | None = None
         self._buffer: EpisodeBuffer | None = None
         self._policy = 0
@@ -242,10 +236,7 @@ class Recorder(BaseParallelWrapper):
         self._policy = index
 
     def record_log_probs(self, log_probs: Mapping[Any, float]) -> None:
-        """Records the log-probability of each agent's action in the next step.
-
-        Args:
-            log_probs: by agent; not needed for agents that are not alive.
+        """Records the log-probability of each living agent's action in the next step.
 
         Raises:
             SchemaError: the recorder was made without `log_probs=True`.
@@ -318,8 +309,8 @@ class Recorder(BaseParallelWrapper):
             actions=taken,
             log_probs=log_probs,
             rewards=reader.numbers(rewards, acted, "reward"),
-            terminations=ends[0],
-            truncations=ends[1] & ~ends[0],
+            agent_terminations=ends[0],
+            agent_truncations=ends[1] & ~ends[0],
             events=environment.events(),
             reward_terms=environment.reward_terms(),
         )
@@ -381,15 +372,13 @@ class Recorder(BaseParallelWrapper):
     ) -> EnvironmentReader:
         """Completes the description after the first reset; begins or continues the recording."""
         has_masks = self._reader.has_masks(observations, infos)
-        if is_own_task(self.env):
-            source: Literal["environment", "observations"] = "environment"
-            recording = self._recording
-        else:
+        recording = self._recording
+        source: StateSource = "environment"
+        if not is_own_task(self.env):
             source, size = state_source(self.env, self._reader, self._state)
-            spec = self._recording.spec.model_copy(
-                update={"state_size": size, "state_from": source}
-            )
-            recording = self._recording.model_copy(update={"spec": spec})
+            states = {"state_size": size, "state_from": source}
+            spec = recording.spec.model_copy(update=states)
+            recording = recording.model_copy(update={"spec": spec})
         self._folder.claim(
             Session(recording=recording, log_probs=self._has_log_probs, masks=has_masks)
         )

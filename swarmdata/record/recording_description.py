@@ -1,17 +1,20 @@
-"""Describes a recording before its first step, as a `Recording`."""
+"""Describes a recording before its first step: its environment, and the `Recording`."""
 
+import re
 from collections.abc import Mapping, Sequence
+from functools import cache
+from importlib.metadata import packages_distributions, version
 from typing import Any, Literal
 
 import numpy as np
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.record.agent_reader import AgentReader
-from swarmdata.record.foreign_environment import describe_agents, horizon_of, library_of, task_name
+from swarmdata.record.agent_reader import ACTION_MASK_KEY, AgentReader
+from swarmdata.record.reset_seeds import default_seed
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource, Splits
-from swarmdata.specs.spaces import width
+from swarmdata.specs.spaces import DictSpace, space_of, width
 from swarmdata.specs.task_spec import TaskSpec
 
 StateSource = Literal["environment", "observations"]
@@ -34,8 +37,8 @@ def describe_recording(
     options: Mapping[str, Any] | None,
     horizon: int | None,
     metadata: Mapping[str, str] | None,
-    seed: int,
-    splits: Splits,
+    seed: int | None,
+    splits: Splits | None,
 ) -> Recording:
     """Returns the recording; a foreign spec has no states yet, which only a reset shows.
 
@@ -63,16 +66,18 @@ def foreign_spec(
     version: str,
     options: Mapping[str, Any] | None,
     horizon: int | None,
+    state_size: int = 0,
+    state_from: StateSource = "observations",
 ) -> RecordedSpec:
-    """The spec of a foreign environment, with states from observations whose size is still 0."""
+    """The spec of a foreign environment; a size of 0 is that of states before the first reset."""
     content = {
         "task": task,
         "library": library,
         "version": version,
         "options": dict(options or {}),
         "agents": tuple(agents),
-        "state_size": 0,
-        "state_from": "observations",
+        "state_size": state_size,
+        "state_from": state_from,
         "horizon": horizon,
     }
     return RecordedSpec.parse(content, f"the recording of {task}")
@@ -83,10 +88,10 @@ def make_recording(
     id: str,
     policies: Sequence[str | PolicySource],
     metadata: Mapping[str, str] | None,
-    seed: int,
-    splits: Splits,
+    seed: int | None,
+    splits: Splits | None,
 ) -> Recording:
-    """Returns the recording of an environment by some policies.
+    """Returns the recording of an environment by some policies; the seed may follow from the id.
 
     Raises:
         SpecError: the id does not begin with the environment's name, or two policies share a label.
@@ -107,8 +112,8 @@ def make_recording(
         "id": id,
         "spec": spec,
         "policies": sources,
-        "seed": seed,
-        "splits": splits,
+        "seed": default_seed(id) if seed is None else seed,
+        "splits": splits or Splits(),
         "source": "recorder",
         "metadata": dict(metadata or {}),
     }
@@ -116,9 +121,7 @@ def make_recording(
 
 
 def state_source(
-    env: Any,
-    reader: AgentReader,
-    wanted: Literal["auto", "environment", "observations"],
+    env: Any, reader: AgentReader, wanted: Literal["auto", "environment", "observations"]
 ) -> tuple[StateSource, int]:
     """Where states come from, and their size; to be called right after a reset.
 
@@ -134,3 +137,63 @@ def state_source(
             if wanted == "environment" or not lacks_state:
                 raise SchemaError(f"state() of {env} does not work: {error!r}") from error
     return "observations", sum(width(agent.observation) for agent in reader.agents)
+
+
+def describe_agents(env: Any) -> tuple[RecordedAgent, ...]:
+    """Describes all possible agents of a `ParallelEnv`, in its order.
+
+    Raises:
+        SpecError: there are none, or a space cannot be stored.
+    """
+    names = getattr(env, "possible_agents", None)
+    if not names:
+        raise SpecError(
+            f"{env} has possible_agents {names!r}, expected at least one name: a recording needs "
+            "the names of all agents beforehand."
+        )
+    found = []
+    for name in names:
+        observation = space_of(env.observation_space(name), f"observation space of {name}")
+        if isinstance(observation, DictSpace):
+            parts = {k: part for k, part in observation.spaces.items() if k != ACTION_MASK_KEY}
+            observation = DictSpace(spaces=parts)
+        action = space_of(env.action_space(name), f"action space of {name}")
+        content = {"name": str(name), "observation": observation, "action": action}
+        found.append(RecordedAgent.parse(content))
+    return tuple(found)
+
+
+def task_name(env: Any) -> str:
+    """An environment's name for an id: `metadata["name"]`, else that of its class, cleaned."""
+    metadata = getattr(env, "metadata", None) or {}
+    name = metadata.get("name") if isinstance(metadata, Mapping) else None
+    return clean_name(str(name or type(getattr(env, "unwrapped", env)).__name__))
+
+
+def clean_name(name: str) -> str:
+    """A name in lower case with underscores, such as `simple_spread_v3`."""
+    return re.sub(r"[^a-z0-9_]+", "_", name.lower()).strip("_") or "unnamed"
+
+
+def library_of(env: Any) -> tuple[str, str]:
+    """Library and version of an environment; both empty if it is of no installed library."""
+    module = type(getattr(env, "unwrapped", env)).__module__.partition(".")[0]
+    if module in ("", "__main__", "builtins"):
+        return "", ""
+    return module, library_version(module)
+
+
+@cache  # listing all distributions is slow
+def library_version(module: str) -> str:
+    """Version of the installed distribution of a module; empty if there is none."""
+    distributions = packages_distributions().get(module, [])
+    return version(distributions[0]) if distributions else ""
+
+
+def horizon_of(env: Any) -> int | None:
+    """Most steps of an episode, if the environment says so: `max_cycles`, or Gymnasium's spec."""
+    value: Any = getattr(getattr(env, "unwrapped", env), "max_cycles", None)
+    if value is None:
+        value = getattr(getattr(env, "spec", None), "max_episode_steps", None)
+    is_count = isinstance(value, int | np.integer) and not isinstance(value, bool) and value > 0
+    return int(value) if is_count else None

@@ -55,11 +55,6 @@ class Limits:
     n_bytes: int = 32 << 20  # that these episodes take in memory
     seconds: float = 60.0  # since the last part was written
 
-    def is_reached(self, n_waiting: int, n_written: int, n_bytes: int, seconds: float) -> bool:
-        """Whether episodes that wait are to be written."""
-        most = max(50, n_written // 16) if self.episodes is None else self.episodes
-        return n_waiting >= most or n_bytes >= self.n_bytes or seconds >= self.seconds
-
 
 class RecordingFolder:
     """The parts of one recording, locked by one process at a time.
@@ -69,18 +64,18 @@ class RecordingFolder:
     """
 
     def __init__(self, path: Path, limits: Limits | None = None) -> None:
-        self.path, self.limits = path, limits or Limits()
+        self.path, self._limits = path, limits or Limits()
         self.folder = unfinished_folder(path)
         self._lock = ExitStack()
         self._lock.enter_context(locked(path, patience=0.0))
         if self.folder.exists():
             remove_leftovers(self.folder, SESSION_FILE, _PART_NAME)
         self._unwritten: dict[int, list[Episode]] = {}
-        parts = self.parts()
+        parts = _parts(self.folder)
         self._next_part = max((number for number, _ in parts), default=-1) + 1
         is_published = not is_vacant(path)  # then a killed process may have removed half of a part
         tables = [] if is_published else [read_part_table(part) for part in parts.values()]
-        self._n_episodes = sum(map(len, tables))
+        self.n_episodes = sum(map(len, tables))  # finished ones, whether they are written or not
         self._n_bytes, self._since = 0, time.monotonic()
 
     def session(self) -> Session | None:
@@ -118,11 +113,14 @@ class RecordingFolder:
     def add(self, episode: Episode) -> None:
         """Adds a finished episode, and writes all unwritten ones when they reach a limit."""
         self._unwritten.setdefault(episode.policy, []).append(episode)
-        self._n_episodes += 1
+        self.n_episodes += 1
         self._n_bytes += episode_bytes(episode)
         n_waiting = sum(map(len, self._unwritten.values()))
-        n_written, seconds = self._n_episodes - n_waiting, time.monotonic() - self._since
-        if self.limits.is_reached(n_waiting, n_written, self._n_bytes, seconds):
+        most = self._limits.episodes
+        if most is None:
+            most = max(50, (self.n_episodes - n_waiting) // 16)
+        is_late = time.monotonic() - self._since >= self._limits.seconds
+        if n_waiting >= most or self._n_bytes >= self._limits.n_bytes or is_late:
             self.flush()
 
     def flush(self) -> None:
@@ -133,21 +131,10 @@ class RecordingFolder:
             self._next_part += 1  # the next one has other episodes, also if another policy's fail
         self._n_bytes, self._since = 0, time.monotonic()
 
-    def parts(self) -> dict[tuple[int, int], Path]:
-        """Finished parts by (number, policy), in the order of recording."""
-        return _parts(self.folder)
-
-    @property
-    def n_episodes(self) -> int:
-        """Number of finished episodes, including unwritten ones."""
-        return self._n_episodes
-
     def seeds(self) -> set[int]:
-        """Seeds of the finished episodes, including unwritten ones."""
-        written = {
-            int(seed) for path in self.parts().values() for seed in read_part_table(path).seeds
-        }
-        return written | {e.seed for episodes in self._unwritten.values() for e in episodes}
+        """Seeds of the episodes that are written."""
+        parts = _parts(self.folder).values()
+        return {int(seed) for part in parts for seed in read_part_table(part).seeds}
 
     def finish(self) -> Dataset:
         """Makes the dataset of all finished episodes, with its card, and removes the folder.
@@ -159,31 +146,25 @@ class RecordingFolder:
         """
         session = self.session()
         is_published = not is_vacant(self.path)  # by a process that was killed before it cleaned up
-        if session is None or not (self._unwritten or self.parts() or is_published):
+        if session is None or not (self._unwritten or _parts(self.folder) or is_published):
             raise BuildError(f"nothing was recorded to {self.path}: no episode was finished.")
         if not is_published:
             self.flush()
-            _assemble(self.path, session, self.parts())
+            _assemble(self.path, session, _parts(self.folder))
         elif read_manifest(self.path).recipe_hash != session.recording.hash():
             raise RecipeConflictError(
                 f"{self.path} holds another dataset than the recording {session.recording.id} in "
                 f"{self.folder}. Move one of the two."
             )
         finish(self.path)
-        self._remove()
-        self.release()
-        return Dataset.open(self.path, source="recorded")
-
-    def _remove(self) -> None:
-        """Deletes the parts, then the description, so that a killed removal can be repeated.
-
-        The folder is deleted as well unless it holds other files.
-        """
-        for part in self.parts().values():
+        for part in _parts(self.folder).values():
             shutil.rmtree(part)
+        # after the parts, so that a killed removal can be repeated
         (self.folder / SESSION_FILE).unlink(missing_ok=True)
         if self.folder.exists() and not any(self.folder.iterdir()):
             self.folder.rmdir()
+        self.release()
+        return Dataset.open(self.path, source="recorded")
 
     def release(self) -> None:
         """Unlocks the recording for other processes; unwritten episodes are lost."""

@@ -10,17 +10,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record.agent_reader import SUCCESS_KEYS, combine_outcomes
 from swarmdata.record.batch_recording import check_request, played_episode, record_batches
 from swarmdata.record.episode_buffer import Outcome
-from swarmdata.record.foreign_environment import clean_name, library_version
-from swarmdata.record.recording_description import foreign_spec, make_recording
+from swarmdata.record.recording_description import (
+    clean_name,
+    foreign_spec,
+    library_version,
+    make_recording,
+)
 from swarmdata.record.recording_folder import Limits
-from swarmdata.record.reset_seeds import SeedStream, default_seed
+from swarmdata.record.reset_seeds import SeedStream
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import BoxSpace, flatten, space_of, stack_agents, width
@@ -72,8 +75,7 @@ def record_vmas(
     """
     check_request(path, policies)
     spec = _spec_of(env, task, options)
-    seed = default_seed(id) if seed is None else seed
-    recording = make_recording(spec, id, policies, metadata, seed, splits or Splits())
+    recording = make_recording(spec, id, policies, metadata, seed, splits)
 
     def play(seeds: SeedStream) -> list[Episode]:
         return _play(env, policy, spec, seeds.draw())
@@ -102,9 +104,9 @@ def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> R
     file = Path(type(env.scenario).make_world.__code__.co_filename)
     name = task or clean_name(file.stem)
     settings = {"num_envs": env.num_envs, **(options or {})}  # episodes depend on both
-    spec = foreign_spec(agents, name, "vmas", library_version("vmas"), settings, env.max_steps)
     size = sum(width(agent.observation) for agent in agents)
-    return spec.model_copy(update={"state_size": size})
+    version = library_version("vmas")
+    return foreign_spec(agents, name, "vmas", version, settings, env.max_steps, size)
 
 
 def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[Episode]:
@@ -155,21 +157,18 @@ def _arrays(value: Any) -> Any:
     """Tensors [E, ...], or dictionaries of them, as arrays."""
     if isinstance(value, dict):
         return {key: _arrays(each) for key, each in value.items()}
-    return _array(value)
-
-
-def _array(tensor: Any) -> NDArray[Any]:
-    return np.asarray(tensor.detach().cpu().numpy() if hasattr(tensor, "detach") else tensor)
+    return np.asarray(value.detach().cpu().numpy() if hasattr(value, "detach") else value)
 
 
 def _flags(tensor: Any, n_copies: int) -> Bool:
-    return _array(tensor).reshape(n_copies).astype(np.bool_)
+    flags: Bool = _arrays(tensor).reshape(n_copies).astype(np.bool_)
+    return flags
 
 
 def _outcome(infos: Any, copy: int) -> Outcome:
     """The outcome that the infos report for one copy."""
     return combine_outcomes(
-        bool(_array(info[key])[copy].all())
+        bool(_arrays(info[key])[copy].all())
         for info in (infos.values() if isinstance(infos, dict) else infos)
         for key in SUCCESS_KEYS
         if key in info

@@ -41,7 +41,3 @@ def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> N
     rewards[7, 2] += np.float32(1e-3)
     assert max(differences(folder, tmp_path, EXAMPLE)) == pytest.approx(1e-3, rel=1e-2)
     rewards[7, 2] -= np.float32(1e-3)
-
-
-def test_it_is_sixty_lines() -> None:
-    assert len(EXAMPLE.read_text(encoding="utf-8").splitlines()) <= 60

@@ -125,29 +125,23 @@ def test_a_stall_is_not_caught_up(rehearsal: Rehearsal) -> None:
     assert len(rehearsal.sent) == 11
 
 
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_a_measurement_that_is_no_number_stops_the_robot(
-    rehearsal: Rehearsal, value: float
+@pytest.mark.parametrize(
+    ("step", "value", "error", "words"),
+    [
+        (4, np.nan, ValueError, "x is NaN or infinite"),
+        (4, np.inf, ValueError, "x is NaN or infinite"),
+        (4, -0.5, ValueError, "the policy's action is"),
+        (2, None, KeyError, "x"),  # a lost message
+    ],
+)
+def test_what_is_no_number_stops_the_robot(
+    rehearsal: Rehearsal, step: int, value: float | None, error: type[Exception], words: str
 ) -> None:
-    rehearsal.values[4] = value
-    with pytest.raises(ValueError, match="x is NaN or infinite"):
+    rehearsal.values[step] = value
+    with pytest.raises(error, match=words):
         rehearsal.drive()
-    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 4 + [STOP]
-
-
-def test_an_action_that_is_no_number_stops_the_robot(rehearsal: Rehearsal) -> None:
-    rehearsal.values[4] = -0.5
-    with pytest.raises(ValueError, match="the policy's action is"):
-        rehearsal.drive()
-    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 4 + [STOP]
-    assert rehearsal.runner._memory.tolist() == [4.0]  # what follows goes on from the last action
-
-
-def test_a_lost_message_stops_the_robot(rehearsal: Rehearsal) -> None:
-    rehearsal.values[2] = None
-    with pytest.raises(KeyError, match="x"):
-        rehearsal.drive()
-    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * 2 + [STOP]
+    assert [command for _, command in rehearsal.sent] == [(0.3, 0.0)] * step + [STOP]
+    assert rehearsal.runner._memory.tolist() == [step]  # what follows goes on from the last action
 
 
 def test_every_drive_of_a_bad_day_ends_with_a_robot_that_stands(rehearsal: Rehearsal) -> None:

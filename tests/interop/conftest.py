@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, TIME_ARRAYS
 from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.interop.convert import import_dataset
-from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import find_format
 from swarmdata.record import Recorder
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
@@ -110,52 +107,6 @@ def images(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     with Recorder(Seeing(), id="seeing_v0-mine-v0", path=folder / "ds") as recorder:
         play(recorder, 8)
     return recorder.close()
-
-
-def fact(dataset: Dataset, index: int, name: str) -> Any:
-    """One fact of one episode."""
-    if name == "split":
-        return dataset.episodes.split[index]
-    return dataset.spec if name == "spec" else getattr(dataset[index], name)
-
-
-def assert_kept(before: Dataset, after: Dataset, kept: set[str]) -> None:
-    """Every fact that a format keeps is the same, bit for bit, of every episode."""
-    assert len(after) == len(before)
-    for index in range(len(before)):
-        for name in kept:
-            expected, got = fact(before, index, name), fact(after, index, name)
-            if name in TIME_ARRAYS and expected is not None and not expected.size:
-                assert not got.size, name
-                continue
-            if isinstance(expected, np.ndarray):
-                assert got.dtype == expected.dtype, name
-            np.testing.assert_array_equal(got, expected, err_msg=f"{name} of episode {index}")
-
-
-RoundTrip = Callable[[Dataset, str], Dataset]
-
-
-@pytest.fixture
-def round_trip(tmp_path: Path) -> RoundTrip:
-    """Converts there and back, and checks what the format promises to keep."""
-
-    def run(dataset: Dataset, name: str) -> Dataset:
-        kind = find_format(name)
-        assert set(kind.kept) | set(kind.lost) == set(DATASET_FACTS)
-        assert not set(kind.kept) & set(kind.lost)
-        (tmp_path / "there").mkdir()
-        path = export_dataset(dataset, tmp_path / "there" / dataset.id, format=name)
-        back = import_dataset(
-            path, tmp_path / f"{name}.back", format=name, id="tag_v3-back-v0", splits="kept"
-        )
-        back = Dataset.open(back.path, verify="full")
-        assert_kept(dataset, back, set(kind.kept))
-        assert isinstance(back.recipe, Recording)
-        assert back.recipe.source == name
-        return back
-
-    return run
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """D4RL-style HDF5: what a plain h5py reader finds, there and back, and what is refused."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,11 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.d4rl import read
 from swarmdata.interop.export import export_dataset
+from swarmdata.interop.formats import find_format
 from swarmdata.store.scratch import scratch_folder
 from swarmdata.testing.synthetic import make_dataset
-from swarmdata.types import END_REASONS, Episode
+from swarmdata.types import END_REASONS
+from tests.interop.foreign import WRITERS, check_timeline, hdf5, timeline
 
 
 def read_all(path: Path) -> dict[str, Any]:
@@ -54,59 +56,22 @@ def test_rows_are_aligned_and_none_is_missing(ours: Dataset, tmp_path: Path) -> 
 
 Lengths = st.lists(st.integers(1, 7), min_size=2, max_size=12)
 
-
-def write_foreign(path: Path, **arrays: Any) -> Path:
-    with h5py.File(path, "w") as file:
-        for name, values in arrays.items():
-            file[name] = values
-    return path
-
-
-def timeline(lengths: list[int], cut: list[bool]) -> dict[str, Any]:
-    """One agent's rows: observation (episode, time), action time, reward of both."""
-    episode = np.repeat(np.arange(len(lengths)), lengths)
-    time = np.concatenate([np.arange(n) for n in lengths])
-    last = np.concatenate([np.arange(n) == n - 1 for n in lengths])
-    is_cut = np.repeat(cut, lengths)
-    return {
-        "observations": np.stack([episode, time], 1).astype(np.float32),
-        "next_observations": np.stack([episode, time + 1], 1).astype(np.float32),
-        "actions": np.stack([time, episode], 1).astype(np.float32),
-        "rewards": (100 * episode + time).astype(np.float32),
-        "terminals": last & ~is_cut,
-        "timeouts": last & is_cut,
-    }
-
-
 TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
-def check_alignment(dataset: Iterable[Episode], with_next: bool) -> None:
-    """In every episode, action and reward are beside the observation of the same step."""
-    for episode in dataset:
-        t = np.arange(len(episode))
-        number = episode.observations[0, 0, 0]
-        assert (episode.observations[:, 0, 0] == number).all(), "another episode's rows"
-        np.testing.assert_array_equal(episode.observations[:-1, 0, 1], t)
-        np.testing.assert_array_equal(episode.actions[:, 0, 0], t)
-        np.testing.assert_array_equal(episode.rewards[:, 0], 100 * number + t)
-        if with_next:
-            assert episode.observations[-1, 0, 1] == len(episode)
-
-
+@pytest.mark.parametrize("kind", ["d4rl", "parquet"])
 @given(lengths=Lengths, data=st.data())
 def test_foreign_files_are_cut_where_their_flags_say(
-    tmp_path_factory: pytest.TempPathFactory, lengths: list[int], data: st.DataObject
+    tmp_path_factory: pytest.TempPathFactory, kind: str, lengths: list[int], data: st.DataObject
 ) -> None:
     cut = data.draw(st.lists(st.booleans(), min_size=len(lengths), max_size=len(lengths)))
-    path = write_foreign(tmp_path_factory.mktemp("d4rl") / "x.hdf5", **timeline(lengths, cut))
+    path = WRITERS[kind](tmp_path_factory.mktemp(kind) / "x", timeline(lengths, cut))
+    read = find_format(kind).read
+    assert read is not None
     with read(path, "maze", Choices(time_limit=0)) as incoming:
         episodes = list(incoming.episodes)
-    assert [len(episode) for episode in episodes] == lengths
-    names = [END_REASONS[episode.end_reason] for episode in episodes]
-    assert names == ["horizon" if each else "ended" for each in cut]
     assert [episode.seed for episode in episodes] == list(range(len(lengths)))
-    check_alignment(episodes, with_next=True)
+    check_timeline(episodes, lengths, cut)
 
 
 @given(lengths=Lengths, limit=st.integers(1, 8))
@@ -117,28 +82,21 @@ def test_a_counted_limit_cuts_what_has_no_flag(
     lengths = [min(length, limit) for length in lengths]
     arrays = timeline(lengths, [length == limit for length in lengths])
     del arrays["timeouts"]
-    path = write_foreign(tmp_path_factory.mktemp("d4rl") / "x.hdf5", **arrays)
+    path = hdf5(tmp_path_factory.mktemp("d4rl") / "x.hdf5", arrays)
     with read(path, "maze", Choices(time_limit=limit)) as incoming:
-        episodes = list(incoming.episodes)
-    assert [len(episode) for episode in episodes] == lengths
-    names = [END_REASONS[episode.end_reason] for episode in episodes]
-    assert names == ["horizon" if length == limit else "ended" for length in lengths]
-    check_alignment(episodes, with_next=True)
+        check_timeline(incoming.episodes, lengths, [length == limit for length in lengths])
 
 
 def test_the_last_observation_is_asked_for(tmp_path: Path, take_in: TakeIn) -> None:
     lengths, cut = [3, 5] * 15, [False, True] * 15
     arrays = timeline(lengths, cut)
     del arrays["next_observations"]
-    path = write_foreign(tmp_path / "x.hdf5", **arrays)
+    path = hdf5(tmp_path / "x.hdf5", arrays)
     with pytest.raises(ConversionError, match="lacks the observation after the last action"):
         take_in(path, "d4rl")
-    repeated = take_in(path, "d4rl", final="repeat")
-    assert repeated.lengths == lengths
-    check_alignment(repeated.episodes, with_next=False)
+    check_timeline(take_in(path, "d4rl", final="repeat").episodes, lengths, cut, has_next=False)
     shorter = take_in(path, "d4rl", final="cut")
-    assert shorter.lengths == [3, 4] * 15
-    check_alignment(shorter.episodes, with_next=False)
+    check_timeline(shorter.episodes, [3, 4] * 15, cut, has_next=False)
     for episode in shorter.episodes:
         if END_REASONS[episode.end_reason] == "horizon":
             assert episode.observations[-1, 0, 1] == len(episode), "a true last observation"
@@ -146,7 +104,7 @@ def test_the_last_observation_is_asked_for(tmp_path: Path, take_in: TakeIn) -> N
 
 
 def test_a_limit_stored_as_a_termination_is_noticed(tmp_path: Path, take_in: TakeIn) -> None:
-    path = write_foreign(tmp_path / "x.hdf5", **timeline([4] * 25, [False] * 25))
+    path = hdf5(tmp_path / "x.hdf5", timeline([4] * 25, [False] * 25))
     with pytest.raises(ConversionError, match="as if a time limit had been stored"):
         take_in(path, "d4rl")
     assert set(take_in(path, "d4rl", time_limit=4).ends) == {"horizon"}
@@ -155,15 +113,16 @@ def test_a_limit_stored_as_a_termination_is_noticed(tmp_path: Path, take_in: Tak
 
 @pytest.mark.parametrize("axis", ["columns", "agents"])
 def test_several_agents(tmp_path: Path, take_in: TakeIn, axis: str) -> None:
-    arrays = timeline([3, 4] * 13, [False, True] * 13)
+    lengths, cut = [3, 4] * 13, [False, True] * 13
+    arrays = timeline(lengths, cut)
     for name in ("observations", "next_observations", "actions"):
         pair = np.stack([arrays[name], arrays[name]], 1)
         arrays[name] = pair if axis == "agents" else pair.reshape(len(pair), -1)
-    path = write_foreign(tmp_path / "x.hdf5", **arrays)
+    path = hdf5(tmp_path / "x.hdf5", arrays)
     dataset = take_in(path, "d4rl", n_agents=None if axis == "agents" else 2)
     assert dataset.spec.n_agents == 2
     assert dataset.episodes[0].observations.shape == (4, 2, 2)
-    check_alignment(dataset.episodes, with_next=True)
+    check_timeline(dataset.episodes, lengths, cut)
 
 
 def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:
@@ -182,7 +141,7 @@ def test_other_files_are_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn)
     with pytest.raises(ConversionError, match="not an HDF5 file"):
         take_in(text, "d4rl")
     with pytest.raises(ConversionError, match="has no 'actions'"):
-        take_in(write_foreign(tmp_path / "x.hdf5", observations=np.zeros((2, 2))), "d4rl")
+        take_in(hdf5(tmp_path / "x.hdf5", {"observations": np.zeros((2, 2))}), "d4rl")
     with pytest.raises(ConversionError, match="exists already"):
         export_dataset(ours, text, format="d4rl")
 

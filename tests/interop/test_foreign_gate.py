@@ -10,6 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from swarmdata.audit import audit
 from swarmdata.cards.side_files import damage_of
@@ -18,10 +19,10 @@ from swarmdata.errors import ConversionError, SchemaError, SwarmdataError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.specs.spaces import MultiDiscreteSpace
+from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace
 from swarmdata.store.damage import find_damage
 from swarmdata.types import END_REASONS
-from tests.interop.foreign import WRITERS, hdf5, numpy_folder, parquet, team
+from tests.interop.foreign import WRITERS, hdf5, numpy_folder, parquet, team, write_minari
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
 pq = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
@@ -109,7 +110,7 @@ def test_episodes_that_a_cut_leaves_empty_are_counted(tmp_path: Path, take_in: T
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-def test_several_whole_numbers_are_choices_each(tmp_path: Path, kind: str) -> None:
+def test_whole_numbers_are_choices_each(tmp_path: Path, kind: str, take_in: TakeIn) -> None:
     arrays = team(60, n_agents=1)
     pairs = np.stack([np.arange(60) % 3, np.arange(60) % 2], 1)
     arrays["actions"] = pairs[:, None] if kind == "numpy" else pairs
@@ -117,6 +118,9 @@ def test_several_whole_numbers_are_choices_each(tmp_path: Path, kind: str) -> No
     assert dataset.spec.action_spaces == (MultiDiscreteSpace(n=(3, 2)),)
     np.testing.assert_array_equal(dataset.transitions()["actions"][:, 0], pairs)
     assert Dataset.open(dataset.path, "full").digest == dataset.digest
+    arrays["actions"] = arrays["actions"][..., :1]
+    one = take_in(WRITERS[kind](tmp_path / "one", arrays), kind, time_limit=5)
+    assert one.spec.action_spaces == (DiscreteSpace(n=3),)
 
 
 @pytest.mark.parametrize(
@@ -311,23 +315,15 @@ def test_a_parquet_file_that_fills_the_memory_is_refused(tmp_path: Path) -> None
 # ------------------------------------------------------------------ Minari
 
 
-def minari_folder(folder: Path, n_episodes: int = 20) -> Path:
-    minari = pytest.importorskip("minari", reason="the extra 'minari'")
-    from gymnasium.spaces import Box, Discrete
-    from minari.data_collector import EpisodeBuffer
-    from minari.dataset.minari_storage import MinariStorage
-
-    space = Box(-np.inf, np.inf, (2,), np.float64)
-    storage = MinariStorage.new(folder, observation_space=space, action_space=Discrete(4))
+def minari_folder(folder: Path) -> Path:
     rows = np.arange(6.0)
-    storage.update_episodes(
-        EpisodeBuffer(
-            observations=np.stack([rows, np.full(6, k)], 1), actions=np.arange(5) % 4,
-            rewards=rows[:5], terminations=np.arange(5) == 4, truncations=np.zeros(5, bool),
-        ) for k in range(n_episodes)
+    episodes = (
+        {"observations": np.stack([rows, np.full(6, k)], 1), "actions": np.arange(5) % 4,
+         "rewards": rows[:5], "terminations": np.arange(5) == 4, "truncations": np.zeros(5, bool)}
+        for k in range(20)
     )  # fmt: skip
-    storage.update_metadata({"dataset_id": "maze/x-v0", "minari_version": minari.__version__})
-    return folder
+    box = spaces.Box(-np.inf, np.inf, (2,), np.float64)
+    return write_minari(folder, episodes, box, spaces.Discrete(4))
 
 
 def test_minari_is_looked_at_before_minari_opens_it(tmp_path: Path) -> None:

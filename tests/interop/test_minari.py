@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
@@ -13,6 +14,7 @@ from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import MisplacedExportWarning, export_dataset
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.types import END_REASONS
+from tests.interop.foreign import write_minari
 
 minari = pytest.importorskip("minari", reason="the extra 'minari'")
 
@@ -41,35 +43,21 @@ def test_minari_loads_it_by_name(
 
 
 def write_theirs(folder: Path, episodes: list[dict[str, Any]]) -> Path:
-    """What Minari itself writes for one agent with a Dict observation."""
-    from gymnasium.spaces import Box, Dict, Discrete
-    from minari.data_collector import EpisodeBuffer
-    from minari.dataset.minari_storage import MinariStorage
-
-    space = Dict({"goal": Box(-1, 1, (2,)), "position": Box(-np.inf, np.inf, (3,))})
-    storage = MinariStorage.new(folder, observation_space=space, action_space=Discrete(4, start=1))
-    storage.update_episodes(EpisodeBuffer(**each) for each in episodes)
-    storage.update_metadata({"dataset_id": "maze/x-v0", "minari_version": minari.__version__})
-    return folder
+    space = spaces.Dict(
+        {"goal": spaces.Box(-1, 1, (2,)), "position": spaces.Box(-np.inf, np.inf, (3,))}
+    )
+    return write_minari(folder, episodes, space, spaces.Discrete(4, start=1))
 
 
 def test_their_images_stay_bytes(tmp_path: Path) -> None:
-    from gymnasium.spaces import Box, Discrete
-    from minari.data_collector import EpisodeBuffer
-    from minari.dataset.minari_storage import MinariStorage
-
-    storage = MinariStorage.new(
-        tmp_path / "pong", observation_space=Box(0, 255, (4, 3, 3), np.uint8),
-        action_space=Discrete(3), jpeg_encoding=False,
-    )  # fmt: skip
     made = np.random.default_rng(0).integers(0, 256, (20, 6, 4, 3, 3)).astype(np.uint8)
-    storage.update_episodes(
-        EpisodeBuffer(
-            observations=each, actions=np.zeros(5, np.int64), rewards=np.zeros(5),
-            terminations=np.arange(5) == 4, truncations=np.zeros(5, bool),
-        ) for each in made
+    episodes = (
+        {"observations": each, "actions": np.zeros(5, np.int64), "rewards": np.zeros(5),
+         "terminations": np.arange(5) == 4, "truncations": np.zeros(5, bool)}
+        for each in made
     )  # fmt: skip
-    storage.update_metadata({"dataset_id": "pong/x-v0", "minari_version": minari.__version__})
+    image = spaces.Box(0, 255, (4, 3, 3), np.uint8)
+    write_minari(tmp_path / "pong", episodes, image, spaces.Discrete(3), jpeg_encoding=False)
     taken = import_dataset(tmp_path / "pong", tmp_path / "out", format="minari", id="pong-a-v0")
     for name in ("observations", "states"):
         assert taken.stored.arrays[name].dtype == np.uint8

@@ -10,24 +10,13 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.export import export_dataset
-from swarmdata.types import END_REASONS
+from tests.interop.foreign import parquet as write
+from tests.interop.foreign import timeline
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
 parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
 
-RoundTrip = Callable[[Dataset, str], Dataset]
 TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
-
-
-@pytest.mark.slow
-def test_blocks_do_not_matter(
-    ours: Dataset, round_trip: RoundTrip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", 2000)
-    monkeypatch.setattr("swarmdata.interop.conversion.episode_cuts.BLOCK_BYTES", 1500)
-    monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 1000)
-    monkeypatch.setattr("swarmdata.interop.parquet._GROUP_ROWS", 3)
-    round_trip(ours, "parquet")
 
 
 def test_columns_are_aligned(recorded: Dataset, tmp_path: Path) -> None:
@@ -61,58 +50,24 @@ def test_hugging_face_datasets_reads_it(
     assert episodes["episodes"]["length"][:] == recorded.episodes.lengths.tolist()
 
 
-def write_theirs(path: Path, lengths: list[int], cut: list[bool], **changes: Any) -> Path:
-    episode = np.repeat(np.arange(len(lengths)), lengths)
-    time = np.concatenate([np.arange(n) for n in lengths])
-    last = np.concatenate([np.arange(n) == n - 1 for n in lengths])
-    is_cut = np.repeat(cut, lengths)
-    columns = {
-        "observations": np.stack([episode, time], 1).tolist(),
-        "next_observations": np.stack([episode, time + 1], 1).tolist(),
-        "actions": (time % 3).tolist(),
-        "rewards": (100.0 * episode + time).tolist(),
-        "terminations": (last & ~is_cut).tolist(),
-        "truncations": (last & is_cut).tolist(),
-        **changes,
-    }
-    table = pyarrow.table({k: v for k, v in columns.items() if v is not None})
-    parquet.write_table(table, path, row_group_size=10)
-    return path
-
-
-def test_a_file_of_others(tmp_path: Path, take_in: TakeIn) -> None:
-    lengths, cut = [3, 5, 1, 4] * 7, [False, True] * 14
-    path = write_theirs(tmp_path / "x.parquet", lengths, cut)
-    dataset = take_in(path, "parquet")
-    assert dataset.lengths == lengths
-    assert dataset.spec.agents[0].action.n == 3
-    for number, episode in enumerate(dataset.episodes):
-        t = np.arange(len(episode))
-        assert (episode.observations[:, 0, 0] == number).all()
-        np.testing.assert_array_equal(episode.observations[:, 0, 1], np.arange(len(t) + 1))
-        np.testing.assert_array_equal(episode.actions[:, 0, 0], t % 3)
-        np.testing.assert_array_equal(episode.rewards[:, 0], 100 * number + t)
-        assert END_REASONS[episode.end_reason] == ("horizon" if cut[number] else "ended")
-
-
 def test_what_cannot_be_read(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
-    lengths, cut = [3, 5] * 14, [False, True] * 14
-    path = write_theirs(tmp_path / "a.parquet", lengths, cut, rewards=None)
+    arrays = timeline([3, 5] * 14, [False, True] * 14)
+    rest = {name: values for name, values in arrays.items() if name != "rewards"}
     with pytest.raises(ConversionError, match=r"no columns \['rewards'\]"):
-        take_in(path, "parquet")
-    ragged = [[1.0]] * (sum(lengths) - 1) + [[1.0, 2.0]]
-    path = write_theirs(tmp_path / "b.parquet", lengths, cut, observations=ragged)
+        take_in(write(tmp_path / "a.parquet", rest), "parquet")
+    ragged = np.array([[1.0]] * (8 * 14 - 1) + [[1.0, 2.0]], dtype=object)
+    path = write(tmp_path / "b.parquet", {**arrays, "observations": ragged})
     with pytest.raises(ConversionError, match="rows of different lengths"):
         take_in(path, "parquet")
     with pytest.raises(ConversionError, match=r"sizes \{'observations': 2"):
-        take_in(write_theirs(tmp_path / "c.parquet", lengths, cut), "parquet", n_agents=3)
+        take_in(write(tmp_path / "c.parquet", arrays), "parquet", n_agents=3)
     (tmp_path / "d.parquet").write_text("no")
     with pytest.raises(ConversionError, match="not a Parquet file"):
         take_in(tmp_path / "d.parquet", "parquet")
     with pytest.raises(ConversionError, match=r"no swarmdata\.json of an export, but 4 Parq"):
         take_in(tmp_path, "parquet")
     exported = export_dataset(ours, tmp_path / "x", format="parquet")
-    theirs = write_theirs(tmp_path / "e.parquet", lengths, cut)
+    theirs = write(tmp_path / "e.parquet", arrays)
     theirs.replace(exported / "data/train-00000-of-00001.parquet")
     with pytest.raises(ConversionError, match="its note of swarmdata says"):
         take_in(exported, "parquet")

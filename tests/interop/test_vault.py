@@ -14,6 +14,7 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.types import END_REASONS
+from tests.interop.foreign import timeline
 
 jax = pytest.importorskip("jax", reason="the extra 'vault'")
 flashbax_vault = pytest.importorskip("flashbax.vault", reason="the extra 'vault'")
@@ -51,23 +52,25 @@ def write_theirs(folder: Path, leaves: dict[str, Any], written: int) -> Path:
 
 
 def their_leaves(lengths: list[int], cut: list[bool], n_timelines: int = 2) -> dict[str, Any]:
-    """Observation and reward name timeline, episode and time; a row more than is written."""
-    episode = np.repeat(np.arange(len(lengths)), lengths)
-    time = np.concatenate([np.arange(n) for n in lengths])
-    last = np.concatenate([np.arange(n) == n - 1 for n in lengths])
-    is_cut = np.repeat(cut, lengths)
-    rows = [np.stack([np.full_like(time, k), episode, time], 1) for k in range(n_timelines)]
-    observations = np.repeat(np.stack(rows)[:, :, None], 3, axis=2).astype(np.float32)
+    """Observation and state name timeline, episode and time; a row more than is written."""
+    arrays = timeline(lengths, cut)
+    seen = arrays["observations"]
+    rows = np.stack([np.insert(seen, 0, k, axis=1) for k in range(n_timelines)])  # [B, T, 3]
+    observations = np.repeat(rows[:, :, None], 3, axis=2)
     observations[:, :, 2, 2] = -np.inf  # OMAR's padding of smaller agents
-    flags = {"terminals": last & ~is_cut, "truncations": last & is_cut}
+
+    def of_agents(values: Any) -> Any:
+        return np.broadcast_to(values[None, :, None], (n_timelines, len(values), 3))
+
     leaves: dict[str, Any] = {
         "observations": observations,
-        "actions": np.repeat(np.stack([time % 4] * n_timelines)[..., None], 3, 2).astype(np.int32),
-        "rewards": np.repeat(np.stack([time] * n_timelines)[..., None], 3, 2).astype(np.float32),
-        **{k: np.repeat(np.stack([v] * n_timelines)[..., None], 3, 2) for k, v in flags.items()},
+        "actions": of_agents(seen[:, 1].astype(np.int32) % 4),
+        "rewards": of_agents(seen[:, 1]),
+        "terminals": of_agents(arrays["terminals"]),
+        "truncations": of_agents(arrays["timeouts"]),
         "infos": {
-            "state": np.stack(rows).astype(np.float32),
-            "legals": np.ones((n_timelines, len(time), 3, 6), dtype=np.float32),
+            "state": rows,
+            "legals": np.ones((n_timelines, len(seen), 3, 6), dtype=np.float32),
         },
     }
     return jax.tree.map(lambda x: np.concatenate([x, x[:, -1:]], 1), leaves)

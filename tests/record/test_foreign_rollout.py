@@ -53,6 +53,12 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return recorder.close()
 
 
+@pytest.fixture(scope="module")
+def spec(dataset: Dataset) -> RecordedSpec:
+    assert isinstance(dataset.spec, RecordedSpec)
+    return dataset.spec
+
+
 def test_samples_are_in_the_unit_cube_and_episodes_are_as_recorded(dataset: Dataset) -> None:
     raw, unit = dataset.transitions()["actions"], next(dataset.sampler(500)).actions
     assert raw[:, 0].max() > 1
@@ -75,10 +81,11 @@ def test_windows_have_zeros_behind_the_end(dataset: Dataset) -> None:
 
 
 @pytest.mark.parametrize("value", [-1.0, 0.0, 1.0, 7.0])
-def test_actions_come_back_in_the_units_of_the_environment(dataset: Dataset, value: float) -> None:
-    assert isinstance(dataset.spec, RecordedSpec)
+def test_actions_come_back_in_the_units_of_the_environment(
+    spec: RecordedSpec, value: float
+) -> None:
     step = step_of(np.zeros((2, 3), np.float32), np.zeros(2, np.float32), seed=0, time=0)
-    actions = policy_actions(Constant(value), dataset.spec, step)
+    actions = policy_actions(Constant(value), spec, step)
     unit = np.clip(value, -1, 1)
     np.testing.assert_array_equal(actions["big"], np.array([0, 2]) + 2 * unit)
     np.testing.assert_array_equal(actions["small"], [3 + 2 * unit])
@@ -86,12 +93,11 @@ def test_actions_come_back_in_the_units_of_the_environment(dataset: Dataset, val
         assert Counting().action_space(name).contains(action)
 
 
-def test_a_policy_sees_what_was_recorded(dataset: Dataset) -> None:
-    assert isinstance(dataset.spec, RecordedSpec)
+def test_a_policy_sees_what_was_recorded(dataset: Dataset, spec: RecordedSpec) -> None:
     policy = Constant(0.0)
     episode = dataset[0]
     result = evaluate_parallel(
-        policy, lambda: Counting(leaves={"big": 3}), dataset.spec, dataset.episodes.seeds[:1]
+        policy, lambda: Counting(leaves={"big": 3}), spec, dataset.episodes.seeds[:1]
     )
     seen = np.concatenate([step.observations for step in policy.seen[1:]])
     np.testing.assert_array_equal(seen, episode.observations[:-1])
@@ -102,8 +108,7 @@ def test_a_policy_sees_what_was_recorded(dataset: Dataset) -> None:
     assert np.isnan(result.metrics["success"]).all()
 
 
-def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(dataset: Dataset) -> None:
-    assert isinstance(dataset.spec, RecordedSpec)
+def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(spec: RecordedSpec) -> None:
     acting, stepping = [], []
 
     class Policy(Constant):
@@ -119,24 +124,25 @@ def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(dataset: Da
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        evaluate_parallel(Policy(0.0), Env, dataset.spec, foreign_evaluation_seeds(1))
+        evaluate_parallel(Policy(0.0), Env, spec, foreign_evaluation_seeds(1))
     finally:
         torch.set_num_threads(before)
     assert set(acting) == {1}
     assert set(stepping) == {3}
 
 
-def test_another_environment_is_refused(dataset: Dataset) -> None:
-    assert isinstance(dataset.spec, RecordedSpec)
+def test_another_environment_is_refused(spec: RecordedSpec) -> None:
     seeds = foreign_evaluation_seeds(1)
     with pytest.raises(SchemaError, match="the recording of counting_v1 has"):
-        evaluate_parallel(Constant(0.0), Choosing, dataset.spec, seeds)
+        evaluate_parallel(Constant(0.0), Choosing, spec, seeds)
     with pytest.raises(SchemaError, match="no seeds"):
-        evaluate_parallel(Constant(0.0), Counting, dataset.spec, seeds[:0])
+        evaluate_parallel(Constant(0.0), Counting, spec, seeds[:0])
 
 
 @pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc"])
-def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algorithm: str) -> None:
+def test_algorithms_train_on_a_recording(
+    dataset: Dataset, spec: RecordedSpec, tmp_path: Path, algorithm: str
+) -> None:
     from swarmdata.evaluation.results.policy_names import find_target
     from swarmdata.evaluation.runs.train import train
     from swarmdata.evaluation.runs.trained_policies import read_trained
@@ -146,16 +152,15 @@ def test_algorithms_train_on_a_recording(dataset: Dataset, tmp_path: Path, algor
     policies = train(
         algorithm, str(dataset.path), tmp_path / "run", n_seeds=2, changes=changes, progress=False
     )
-    assert isinstance(dataset.spec, RecordedSpec)
     who = read_trained(tmp_path / "run").provenances[0]
     seeds = foreign_evaluation_seeds(2)
-    result = evaluate_parallel(policies[0], Counting, dataset.spec, seeds)
+    result = evaluate_parallel(policies[0], Counting, spec, seeds)
     assert np.isfinite(result.metrics["return"]).all()
-    again = evaluate_parallel(load_run(tmp_path / "run")[0], Counting, dataset.spec, seeds)
+    again = evaluate_parallel(load_run(tmp_path / "run")[0], Counting, spec, seeds)
     np.testing.assert_array_equal(again.metrics["return"], result.metrics["return"])
     assert not (tmp_path / "run" / "curve.csv").exists()
     kept = load_result(
-        save_result(Result(replace(result, policy="run"), who, dataset.spec), tmp_path / "out")
+        save_result(Result(replace(result, policy="run"), who, spec), tmp_path / "out")
     )
     assert (kept.provenance.dataset, kept.provenance.updates) == (dataset.id, 20)
     assert kept.evaluation.metrics["return"].tolist() == result.metrics["return"].tolist()
@@ -198,25 +203,6 @@ def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
         match=r"mixed .* have a continuous part .* either continuous actions or choices",
     ):
         train_seeds("bc", dataset, tmp_path / "run", progress=False)
-
-
-class Unbounded(Counting):
-    """Actions without an upper bound."""
-
-    def action_space(self, agent: str) -> Any:
-        from gymnasium.spaces import Box
-
-        return Box(0.0, np.inf, (2,), np.float32)
-
-
-def test_actions_without_bounds_are_refused_with_a_way_out(tmp_path: Path) -> None:
-    path = tmp_path / "ds"
-    with Recorder(Unbounded(), id="counting_v1-mine-v0", path=path) as recorder:
-        play(recorder, 5, lambda agent, time: np.ones(2, np.float32))
-    dataset = recorder.close()
-    with pytest.raises(SchemaError, match=r"column 0 of the actions of big .* bounds 0 and inf"):
-        dataset.sampler(8)
-    assert dataset.transitions()["actions"].shape == (20, 2, 2)
 
 
 def test_actions_outside_their_bounds_are_named(

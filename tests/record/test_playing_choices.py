@@ -10,7 +10,13 @@ from pettingzoo import ParallelEnv
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds, policy_actions
+from swarmdata.record import (
+    Recorder,
+    evaluate_parallel,
+    foreign_evaluation_seeds,
+    policy_actions,
+    step_of,
+)
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import Bool, Float, Int, Step
 from tests.record.worlds import play
@@ -18,6 +24,7 @@ from tests.record.worlds import play
 torch = pytest.importorskip("torch")
 
 LENGTH = 5
+FILTERED = {"hidden": "32", "fraction": "0.3", "min_episodes": "1"}
 
 
 class Signals(ParallelEnv):  # type: ignore[misc]
@@ -86,10 +93,16 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return recorder.close()
 
 
+@pytest.fixture(scope="module")
+def spec(dataset: Dataset) -> RecordedSpec:
+    assert isinstance(dataset.spec, RecordedSpec)
+    return dataset.spec
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("algorithm", "regulariser"), [("vdn", "bcq"), ("qmix", "cql")])
 def test_choices_are_learned_and_played(
-    dataset: Dataset, tmp_path: Path, algorithm: str, regulariser: str
+    dataset: Dataset, spec: RecordedSpec, tmp_path: Path, algorithm: str, regulariser: str
 ) -> None:
     """Random data; a policy that names every number gets (1.5 + 1) / 2 a step, chance 0.625."""
     from swarmdata.evaluation.runs.train import train
@@ -102,11 +115,10 @@ def test_choices_are_learned_and_played(
     policy = train(
         algorithm, str(dataset.path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
     )[0]
-    assert isinstance(dataset.spec, RecordedSpec)
     seeds = foreign_evaluation_seeds(4)
-    result = evaluate_parallel(policy, Signals, dataset.spec, seeds)
+    result = evaluate_parallel(policy, Signals, spec, seeds)
     assert result.metrics["return"].mean() > 0.9 * 1.25 * LENGTH
-    again = evaluate_parallel(load_run(tmp_path / "run")[0], Signals, dataset.spec, seeds)
+    again = evaluate_parallel(load_run(tmp_path / "run")[0], Signals, spec, seeds)
     np.testing.assert_array_equal(again.metrics["return"], result.metrics["return"])
 
 
@@ -115,13 +127,8 @@ def test_choices_are_learned_and_played(
     ("algorithm", "changes", "least", "most"),
     [
         ("bc", {"hidden": "32"}, 0.0, 0.1),  # does what most do
-        ("filtered_bc", {"hidden": "32", "fraction": "0.3", "min_episodes": "1"}, 0.95, 1.0),
-        (
-            "filtered_bc",
-            {"hidden": "32", "fraction": "0.3", "min_episodes": "1", "memory": "gru"},
-            0.95,
-            1.0,
-        ),
+        ("filtered_bc", FILTERED, 0.95, 1.0),
+        ("filtered_bc", {**FILTERED, "memory": "gru"}, 0.95, 1.0),
         ("iql", {"actor_hidden": "32", "critic_hidden": "32", "discount": "0.5"}, 0.95, 1.0),
     ],
 )
@@ -182,9 +189,8 @@ class Listens(Says):
         return rows
 
 
-def test_masks_of_the_environment_reach_the_policy(dataset: Dataset) -> None:
-    spec, seeds = dataset.spec, foreign_evaluation_seeds(2)
-    assert isinstance(spec, RecordedSpec)
+def test_masks_of_the_environment_reach_the_policy(spec: RecordedSpec) -> None:
+    seeds = foreign_evaluation_seeds(2)
     policy = Listens([0, 1], [1, 0])
     result = evaluate_parallel(policy, lambda: Signals(has_masks=True), spec, seeds)
     few = result.metrics["return"] * 2 - 0.5 * LENGTH  # what is left when `many` is never right
@@ -201,17 +207,13 @@ def test_masks_of_the_environment_reach_the_policy(dataset: Dataset) -> None:
         (([0, 1], [0, 0]), "chose 0 in column 0 of the action of few, .* from 1 to 2"),
     ],
 )
-def test_what_is_no_choice_is_refused(dataset: Dataset, rows: Any, message: str) -> None:
-    assert isinstance(dataset.spec, RecordedSpec)
+def test_what_is_no_choice_is_refused(spec: RecordedSpec, rows: Any, message: str) -> None:
     with pytest.raises(SchemaError, match=message):
-        evaluate_parallel(Says(*rows), Signals, dataset.spec, foreign_evaluation_seeds(1))
+        evaluate_parallel(Says(*rows), Signals, spec, foreign_evaluation_seeds(1))
 
 
-def test_actions_are_those_of_the_environment(dataset: Dataset) -> None:
-    from swarmdata.record import step_of
-
-    assert isinstance(dataset.spec, RecordedSpec)
+def test_actions_are_those_of_the_environment(spec: RecordedSpec) -> None:
     step = step_of(np.zeros((2, 4), np.float32), np.zeros(8, np.float32), seed=0, time=0)
-    actions = policy_actions(Says([3, 1], [2, 0]), dataset.spec, step)
+    actions = policy_actions(Says([3, 1], [2, 0]), spec, step)
     assert actions["many"].tolist() == [3, 1]
     assert actions["few"] == 2

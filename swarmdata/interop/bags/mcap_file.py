@@ -9,16 +9,16 @@ from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.bags.bag_messages import RosMessages, messages_of, refuse_frame
-from swarmdata.interop.conversion.dataset_facts import TIME_ARRAYS
-from swarmdata.interop.conversion.export_note import note_of
+from swarmdata.interop.conversion.dataset_facts import NOTED_FACTS, TIME_ARRAYS
+from swarmdata.interop.conversion.export_note import NOTE_FILE, note_of
 from swarmdata.interop.formats import Format
 
-NOTE_NAME, RECIPE_NAME = "swarmdata.json", "recipe.yaml"
+RECIPE_FILE = "recipe.yaml"
 
 KEPT_NAMES = {
     **{name: f"/team/{name}" for name in TIME_ARRAYS},
     "layout": "/team/layout",
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_NAME),
+    **dict.fromkeys(NOTED_FACTS, NOTE_FILE),
 }
 
 
@@ -37,8 +37,8 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
         writer = Writer(file)
         writer.start(profile="ros2", library="swarmdata")
         for name, kind, text in (
-            (NOTE_NAME, "application/json", note_of(dataset, frame).to_json()),
-            (RECIPE_NAME, "application/yaml", dataset.recipe.to_yaml()),
+            (NOTE_FILE, "application/json", note_of(dataset, frame).to_json()),
+            (RECIPE_FILE, "application/yaml", dataset.recipe.to_yaml()),
         ):
             writer.add_attachment(0, 0, name, kind, text.encode())
         writer.add_metadata("swarmdata", {"id": dataset.id, "digest": dataset.digest})

@@ -9,12 +9,11 @@ from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.bags.bag_messages import RosMessages, messages_of, refuse_frame
-from swarmdata.interop.bags.mcap_file import KEPT_NAMES, NOTE_NAME, RECIPE_NAME
-from swarmdata.interop.conversion.export_note import note_of
+from swarmdata.interop.bags.mcap_file import KEPT_NAMES, RECIPE_FILE
+from swarmdata.interop.conversion.export_note import write_note
 from swarmdata.interop.formats import Format
 
-METADATA_VERSION = 9
-"""Of metadata.yaml: the newest that `rosbags` writes."""
+METADATA_VERSION = 9  # of metadata.yaml: the newest that `rosbags` writes
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
@@ -46,8 +45,8 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
                 )
             data = messages.serialized(message)
             writer.write(connections[message.topic], message.time, data)
-    (path / NOTE_NAME).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
-    (path / RECIPE_NAME).write_text(dataset.recipe.to_yaml(), encoding="utf-8")
+    write_note(dataset, path, frame)
+    (path / RECIPE_FILE).write_text(dataset.recipe.to_yaml(), encoding="utf-8")
 
 
 FORMAT = Format("rosbag2", "ROS 2 bag", KEPT_NAMES, {}, None, write)

@@ -1,7 +1,8 @@
 """Names of everything that a dataset holds, and its steps in blocks, for converters."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +25,18 @@ STEP_ARRAYS = (*STEP_FIELDS, *OPTIONAL_STEP_FIELDS)
 TIME_ARRAYS = (*STATE_ARRAYS, *STEP_ARRAYS)
 """Both."""
 
-EPISODE_FACTS = ("layout", "seed", "policy", "end_reason", "split")
-"""One value per episode."""
+NOTED_FACTS = ("seed", "policy", "end_reason", "split", "spec")
+"""What the note of an export says, see `ExportNote`."""
 
-DATASET_FACTS = (*TIME_ARRAYS, *EPISODE_FACTS, "spec")
+DATASET_FACTS = (*TIME_ARRAYS, "layout", *NOTED_FACTS)
 """Everything that a dataset holds, except what is computed from it (returns, statistics)."""
 
 NEXT_PREFIX = "next_"
 """Prefix of arrays over the states after each step, for formats with one row per step."""
 
 Arrays = Mapping[str, NDArray[Any]]
+
+Key = TypeVar("Key")
 
 BLOCK_BYTES = 32 << 20
 """Approximate size of the part of a dataset that is in memory at a time."""
@@ -42,9 +45,7 @@ BLOCK_BYTES = 32 << 20
 def array_names(dataset: Dataset) -> tuple[str, ...]:
     """Names of the arrays over time that a dataset has, without empty ones."""
     arrays = dataset.stored.arrays
-    return tuple(
-        name for name in (*STATE_ARRAYS, *STEP_ARRAYS) if name in arrays and arrays[name].size
-    )
+    return tuple(name for name in TIME_ARRAYS if name in arrays and arrays[name].size)
 
 
 def row_shapes(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
@@ -58,45 +59,42 @@ def row_shapes(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], np.dtype[An
     return shapes
 
 
+def time_keys(kept: Mapping[str, Key], after: Callable[[Key], Key]) -> dict[str, Key]:
+    """The keys of arrays over time in a format, with those of states after a step.
+
+    Args:
+        kept: keys of what the format keeps, by our names.
+        after: the key of the states after each step, from that of the states.
+    """
+    keys = {name: kept[name] for name in TIME_ARRAYS if name in kept}
+    following = {NEXT_PREFIX + name: after(keys[name]) for name in STATE_ARRAYS if name in keys}
+    return keys | following
+
+
 def step_blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
-    """Yields the steps of a view, whole episodes at a time, one row per step.
+    """Yields the steps of a view, one row per step, in whole episodes of about `BLOCK_BYTES`.
 
     Yields:
         number of the block's first step in the view, and its arrays by name, [n, ...]; arrays over
         states come twice, before each step and (with `NEXT_PREFIX`) after it.
     """
-    names = array_names(dataset)
-    reads = MappedReads(dataset.stored.arrays[name] for name in names)
-    first = 0
-    for group in _groups(dataset):
-        columns: dict[str, list[NDArray[Any]]] = {}
-        for index in group:
-            episode = dataset[index]
-            for name in names:
-                values = getattr(episode, name)
-                if name in STATE_ARRAYS:
-                    columns.setdefault(name, []).append(values[:-1])
-                    columns.setdefault(NEXT_PREFIX + name, []).append(values[1:])
-                else:
-                    columns.setdefault(name, []).append(values)
-        block = {name: np.concatenate(values) for name, values in columns.items()}
-        reads.release()
-        yield first, block
-        first += int(sum(len(values) for values in columns["actions"]))
-
-
-def _groups(dataset: Dataset) -> Iterator[Sequence[int]]:
-    """Groups of consecutive episodes of about `BLOCK_BYTES`."""
-    arrays, names = dataset.stored.arrays, array_names(dataset)
-    per_step = sum(2 * arrays[name].nbytes // len(arrays[name]) for name in names)
+    arrays = {name: dataset.stored.arrays[name] for name in array_names(dataset)}
+    reads = MappedReads(arrays.values())
+    per_step = sum(2 * each.nbytes // len(each) for each in arrays.values())
     limit = max(1, BLOCK_BYTES // max(1, per_step))
-    group: list[int] = []
-    steps = 0
-    for index, length in enumerate(dataset.episodes.lengths):
-        group.append(index)
-        steps += int(length)
-        if steps >= limit:
-            yield group
-            group, steps = [], 0
-    if group:
-        yield group
+    columns: dict[str, list[NDArray[Any]]] = defaultdict(list)
+    first, n_steps = 0, 0
+    for number, episode in enumerate(dataset, 1):
+        for name in arrays:
+            values = getattr(episode, name)
+            if name in STATE_ARRAYS:
+                columns[NEXT_PREFIX + name].append(values[1:])
+                values = values[:-1]
+            columns[name].append(values)
+        n_steps += len(episode)
+        if n_steps >= limit or number == len(dataset):
+            block = {name: np.concatenate(values) for name, values in columns.items()}
+            reads.release()
+            yield first, block
+            columns.clear()
+            first, n_steps = first + n_steps, 0

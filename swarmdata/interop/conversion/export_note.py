@@ -6,17 +6,16 @@ boundaries, spaces, splits and policies instead of inferring them.
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reweighting import Relabeling, Reweighting
 from swarmdata.errors import ConversionError, SpecError
-from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
-from swarmdata.interop.conversion.episode_cuts import ReadRows, check_continues
+from swarmdata.interop.conversion.dataset_facts import Arrays
+from swarmdata.interop.conversion.foreign_data import ReadRows, join_states
 from swarmdata.interop.conversion.foreign_rows import admit_exported
 from swarmdata.interop.conversion.imported_data import ImportedData, build_episode
 from swarmdata.runtime.documents import parse_json
@@ -26,7 +25,9 @@ from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.plain_names import Sha256
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.store import SPLITS
-from swarmdata.types import END_REASONS, Counts, Episode, Float
+from swarmdata.types import END_REASONS, Episode, Float
+
+NOTE_FILE = "swarmdata.json"
 
 Index = Annotated[int, Field(ge=0)]
 Lengths = tuple[Annotated[int, Field(ge=1)], ...]
@@ -43,15 +44,10 @@ class EpisodeColumns(Frozen):
 
     @model_validator(mode="after")
     def _check_lengths(self) -> Self:
-        sizes = {name: len(values) for name, values in self if values is not None}
+        sizes = {name: len(values) for name, values in self}
         if len(set(sizes.values())) != 1:
             raise ValueError(f"columns of different lengths: {sizes}")
         return self
-
-    @property
-    def assign_splits(self) -> Counts:
-        """Split of each episode, uint8 [n]."""
-        return np.array(self.split, dtype=np.uint8)
 
 
 class ExportNote(Frozen):
@@ -65,13 +61,26 @@ class ExportNote(Frozen):
     episodes: EpisodeColumns
     frame: str = "world"  # of observations and actions, as `frames.find_frame` takes it
 
+    def imported(self, episodes: Iterator[Episode]) -> ImportedData:
+        """What an import of the export gives, whose splits are known."""
+        splits = np.array(self.episodes.split, dtype=np.uint8)
+        metadata = {"exported_from": self.id, "exported_digest": self.digest}
+        return ImportedData(self.spec, self.policies, episodes, splits, metadata)
+
+    def episode(self, k: int, rows: Arrays, layout: Float | None) -> Episode:
+        """Episode k, of its arrays."""
+        table = self.episodes
+        return build_episode(
+            rows,
+            seed=table.seeds[k],
+            policy=table.policy[k],
+            end=table.end_reason[k],
+            layout=layout,
+        )
+
 
 def note_of(dataset: Dataset, frame: str) -> ExportNote:
-    """Returns the note to write beside an export of this view.
-
-    Args:
-        dataset: the view.
-        frame: that its observations and actions were turned into; `world` if they were not.
+    """Returns the note of an export of a view, whose observations and actions are in a frame.
 
     Raises:
         ConversionError: its rewards are those of a function, which no spec describes: an import
@@ -99,6 +108,17 @@ def note_of(dataset: Dataset, frame: str) -> ExportNote:
         ),
         frame=frame,
     )
+
+
+def write_note(dataset: Dataset, folder: Path, frame: str) -> None:
+    """Writes the note of an export into its folder; raises as `note_of` does."""
+    (folder / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
+
+
+def read_note(folder: Path) -> ExportNote | None:
+    """The note in a folder; None if there is none. Raises as `parse_note` does."""
+    file = folder / NOTE_FILE
+    return parse_note(file.read_bytes(), file) if file.is_file() else None
 
 
 def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
@@ -136,55 +156,30 @@ def import_with_note(
     Raises:
         ConversionError: the rows do not fit the note; flags are checked when an episode is taken.
     """
-    table = note.episodes
-    if sum(table.lengths) != n_rows:
+    lengths = note.episodes.lengths
+    if sum(lengths) != n_rows:
         raise ConversionError(
-            f"{source} has {n_rows} rows, but its note of swarmdata says {sum(table.lengths)}. It "
-            "was changed after the export: remove the note to convert it as foreign data."
+            f"{source} has {n_rows} rows, but its note of swarmdata says {sum(lengths)}. It was "
+            "changed after the export: remove the note to convert it as foreign data."
         )
-
-    if layouts is not None and len(layouts) != len(table.lengths):
+    if layouts is not None and len(layouts) != len(lengths):
         raise ConversionError(
-            f"{source} has {len(layouts)} layouts, but its note of swarmdata says "
-            f"{len(table.lengths)} episodes. It was changed after the export."
+            f"{source} has {len(layouts)} layouts, but its note of swarmdata says {len(lengths)} "
+            "episodes. It was changed after the export."
         )
 
     def episodes() -> Iterator[Episode]:
         start = 0
-        for k, length in enumerate(table.lengths):
-            found = read(slice(start, start + length))
-            admit_exported(found, length, f"{source}, rows {start} to {start + length - 1}")
-            rows = join_states(found, source, start)
-            _check_end(rows, source, start)
-            layout = None if layouts is None else layouts[k]
-            yield build_episode(
-                rows,
-                seed=table.seeds[k],
-                policy=table.policy[k],
-                end=table.end_reason[k],
-                layout=layout,
-            )
-            start += length
-
-    metadata = {"exported_from": note.id, "exported_digest": note.digest}
-    return ImportedData(note.spec, note.policies, episodes(), table.assign_splits, metadata)
-
-
-def join_states(rows: Arrays, source: str, start: int) -> dict[str, NDArray[Any]]:
-    """Joins states before and after each step of one episode, to T + 1 rows.
-
-    Raises:
-        ConversionError: a state after a step differs from the state before the next one.
-    """
-    whole = {name: values for name, values in rows.items() if not name.startswith(NEXT_PREFIX)}
-    for name in STATE_ARRAYS:
-        if name not in rows:
-            continue
-        after = rows[NEXT_PREFIX + name]
         advice = "The rows were shuffled or changed after the export."
-        check_continues(name, whole[name], after, source, start, advice)
-        whole[name] = np.concatenate([whole[name], after[-1:]])
-    return whole
+        for k, n in enumerate(lengths):
+            found = read(slice(start, start + n))
+            admit_exported(found, n, f"{source}, rows {start} to {start + n - 1}")
+            rows = join_states(found, n, source, start, advice)
+            _check_end(rows, source, start)
+            yield note.episode(k, rows, None if layouts is None else layouts[k])
+            start += n
+
+    return note.imported(episodes())
 
 
 def _check_end(rows: Arrays, source: str, start: int) -> None:

@@ -1,19 +1,23 @@
-"""Imports data that this library did not write, with the user's choices."""
+"""Imports data that this library did not write, cut into episodes; ambiguous ends are errors."""
 
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.errors import quoted
-from swarmdata.interop.conversion.episode_cuts import (
-    Span,
-    Timeline,
-    agent_ends,
-    cut_episodes,
-    find_spans,
+from swarmdata.errors import ConversionError, quoted
+from swarmdata.interop.conversion.dataset_facts import (
+    BLOCK_BYTES,
+    NEXT_PREFIX,
+    STATE_ARRAYS,
+    Arrays,
 )
+from swarmdata.interop.conversion.foreign_file import reading
+from swarmdata.interop.conversion.foreign_rows import admit_rows
 from swarmdata.interop.conversion.imported_data import (
     UNKNOWN_POLICIES,
     AgentShapes,
@@ -23,10 +27,304 @@ from swarmdata.interop.conversion.imported_data import (
 )
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
-from swarmdata.types import Episode
+from swarmdata.types import Bool, Episode
 
 MOST_UNREAD = 20
 """Arrays without a place that a card names."""
+
+ReadRows = Callable[[slice], Arrays]
+"""Reads a slice of rows, by the names of an episode's fields, as `admit_rows` takes them.
+
+Arrays over states may come with those after each step (`NEXT_PREFIX`); otherwise the last state of
+an episode is unknown."""
+
+End = Literal["termination", "truncation"]
+
+
+@dataclass(frozen=True, eq=False)
+class Timeline:
+    """Consecutive steps of several episodes, one row per step.
+
+    An agent has ended from its first flag in an episode on, whether flags stay set or not; the
+    episode ends when all have.
+    """
+
+    name: str  # a file, or a row of one; for errors
+    terminals: Bool  # which agents terminated in a step, [n, N]
+    truncations: Bool | None
+    """Which agents were truncated in a step, [n, N]; None: not in the format."""
+    read: ReadRows  # reads the arrays of some rows
+    has_next: bool  # whether `read` gives the observations after each step
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return len(self.terminals)
+
+    @cached_property
+    def flags(self) -> Bool:
+        """Which agents have a flag in a step, [n, N]."""
+        return self.terminals if self.truncations is None else self.terminals | self.truncations
+
+
+@dataclass(frozen=True, slots=True)
+class Span:
+    """The rows of one episode, and how it ended."""
+
+    start: int
+    stop: int
+    end: End
+    at_limit: bool = False  # its last step is that of the time limit, whatever the flags say
+    is_cut: bool = False  # the row after the last is of this episode, too
+
+    def __len__(self) -> int:
+        """Number of steps."""
+        return self.stop - self.start
+
+
+def find_spans(timelines: Sequence[Timeline], choices: Choices) -> list[list[Span]]:
+    """Finds the episodes of each timeline, by its flags and the user's choices.
+
+    Raises:
+        ConversionError: the data do not tell where episodes end, or why.
+    """
+    found = [_spans(timeline, choices) for timeline in timelines]
+    _refuse_hidden_limit(timelines, found, choices)
+    found = [_kept(*each, choices) for each in zip(timelines, found, strict=True)]
+    for timeline, spans in zip(timelines, found, strict=True):
+        if not spans:
+            raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
+    return found
+
+
+def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
+    if (
+        timeline.truncations is None
+        and choices.time_limit is None
+        and choices.episode_length is None
+    ):
+        raise ConversionError(
+            f"{timeline.name} does not say which episodes a time limit truncated, so terminations "
+            "and truncations look the same. Pass time_limit=STEPS, time_limit=0 if there is no "
+            "limit, or episode_length=STEPS if all episodes have the same length."
+        )
+    ends, start, spans = _ends(timeline, choices), 0, []
+    for stop in ends:
+        spans.append(_span(timeline, start, stop, choices))
+        start = stop
+    return spans + _tail(timeline, start, choices)
+
+
+def _span(timeline: Timeline, start: int, stop: int, choices: Choices) -> Span:
+    """The episode of some rows: truncated if any agent was in its last step, as in a recording."""
+    if choices.time_limit and stop - start > choices.time_limit:
+        raise ConversionError(
+            f"{timeline.name} has an episode of {stop - start} steps in rows {start} to {stop - 1},"
+            f" longer than time_limit={choices.time_limit}. Pass the right limit, or time_limit=0."
+        )
+    before = timeline.flags[start : stop - 1].any(axis=0)
+    terminates = bool((before | timeline.terminals[stop - 1]).all())
+    at_limit = stop - start == choices.time_limit  # then it was truncated
+    is_terminated = terminates and not before.all() and not at_limit
+    return Span(start, stop, "termination" if is_terminated else "truncation", at_limit)
+
+
+def _kept(timeline: Timeline, spans: Sequence[Span], choices: Choices) -> list[Span]:
+    """The episodes whose last observation is known or may be made up."""
+    if timeline.has_next or choices.final == "repeat":
+        return list(spans)
+    if choices.final is None:
+        raise ConversionError(
+            f"{timeline.name} lacks the observation after the last action of each episode. "
+            "Pass final='repeat' to repeat the one before it, or final='cut' to do so for "
+            "terminated episodes only and to drop the last step of truncated ones."
+        )
+    shorter = [
+        Span(span.start, span.stop - 1, span.end, is_cut=True) if span.end == "truncation" else span
+        for span in spans
+    ]
+    return [span for span in shorter if len(span)]
+
+
+def agent_ends(timeline: Timeline, span: Span) -> tuple[Bool, Bool]:
+    """In which steps of an episode agents were terminated and truncated, [T, N] each.
+
+    Whoever has no flag when the episode ends was truncated then.
+    """
+    window = slice(span.start, span.stop)
+    gone = np.logical_or.accumulate(timeline.flags[window], axis=0)
+    first = gone.copy()
+    first[1:] &= ~gone[:-1]
+    terminated: Bool = timeline.terminals[window] & first
+    cut: Bool = first & ~terminated
+    cut[-1] |= ~gone[-1]
+    if span.at_limit:
+        cut[-1] |= terminated[-1]
+        terminated[-1] = False
+    return terminated, cut
+
+
+def _ends(timeline: Timeline, choices: Choices) -> list[int]:
+    """The row after each episode."""
+    n, length = len(timeline), choices.episode_length
+    if length is not None:
+        for start in range(0, n, length):
+            inner = timeline.flags[start : start + length - 1]
+            ended = np.logical_or.accumulate(inner, axis=0).all(axis=1)
+            if ended.any():
+                raise ConversionError(
+                    f"{timeline.name} has an end at row {start + int(np.argmax(ended))}, which is "
+                    f"inside an episode of episode_length={length} steps. Pass the right length, "
+                    "or none to use the flags."
+                )
+        return list(range(length, n + 1, length))
+    flagged = _flagged_ends(timeline.flags)
+    if timeline.truncations is not None or not choices.time_limit:
+        return flagged
+    ends: list[int] = []  # without flags of truncations, steps are counted
+    for stop in [*flagged, n]:
+        start = ends[-1] if ends else 0
+        ends += range(start + choices.time_limit, stop + 1, choices.time_limit)
+        if stop in flagged and (not ends or ends[-1] < stop):
+            ends.append(stop)
+    return ends
+
+
+def _flagged_ends(flags: Bool) -> list[int]:
+    """The row after each episode that ends when every agent has had a flag in it."""
+    n = len(flags)
+    rows, last = np.arange(n), np.zeros(n, dtype=np.int64)
+    for agent in range(flags.shape[1]):
+        upcoming = np.minimum.accumulate(np.where(flags[:, agent], rows, n)[::-1])[::-1]
+        np.maximum(last, upcoming, out=last)  # of an episode that begins in the row
+    ends = []
+    start = 0
+    while start < n and last[start] < n:
+        start = int(last[start]) + 1
+        ends.append(start)
+    return ends
+
+
+def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
+    left = len(timeline) - start
+    if not left or choices.unfinished == "drop":
+        return []
+    if choices.unfinished == "truncate":
+        return [_span(timeline, start, len(timeline), choices)]
+    raise ConversionError(
+        f"{timeline.name} has {left} rows from row {start} on without an end for all agents, "
+        "expected the last row to end an episode. Pass unfinished='truncate' to keep them as a "
+        "truncated episode, unfinished='drop' to leave them out, or episode_length=STEPS if the "
+        "flags mean nothing."
+    )
+
+
+def _refuse_hidden_limit(
+    timelines: Sequence[Timeline], found: Sequence[Sequence[Span]], choices: Choices
+) -> None:
+    """Refuses data in which a time limit was probably stored as a termination.
+
+    OMAR's particle data and OG-MARL's older wrappers store it so; a learner would then assume a
+    value of zero after the limit.
+    """
+    if choices.time_limit is not None or choices.episode_length is not None:
+        return
+    spans = [span for each in found for span in each]
+    lengths = {len(span) for span in spans}
+    if len(spans) > 1 and len(lengths) == 1 and {span.end for span in spans} == {"termination"}:
+        (length,) = lengths
+        raise ConversionError(
+            f"all {len(spans)} episodes of {timelines[0].name} terminate after exactly {length} "
+            f"steps, as if a time limit had been stored as a termination. Pass time_limit={length} "
+            "if there is this limit, or time_limit=0 if the task ends then."
+        )
+
+
+def cut_episodes(
+    timeline: Timeline, spans: Sequence[Span]
+) -> Iterator[tuple[dict[str, NDArray[Any]], Span]]:
+    """Yields the arrays of each episode, states with T + 1 rows, and its span.
+
+    Raises:
+        ConversionError: a state after a step differs from the state before the next one, or rows
+            do not fit together.
+        SchemaError: a number is not finite, or float32 does not hold it.
+    """
+    for span in spans:
+        where = f"{timeline.name}, rows {span.start} to {span.stop - 1}"
+        rows = timeline.read(slice(span.start, span.stop + span.is_cut))
+        ours = admit_rows(rows, timeline.terminals.shape[1], where)
+        yield join_states(
+            ours, len(span), timeline.name, span.start,
+            "The rows are shuffled, or an episode ends there: pass time_limit or episode_length.",
+        ), span  # fmt: skip
+
+
+def join_states(
+    rows: Arrays, n: int, source: str, start: int, advice: str
+) -> dict[str, NDArray[Any]]:
+    """Joins states before and after each of the n steps of an episode, to n + 1 rows.
+
+    Where those after steps are unknown, the last one is that of a further row, or repeated.
+
+    Args:
+        rows: of the steps, and maybe a further one.
+        n: number of steps.
+        source: name of the source, for the error.
+        start: number of the episode's first row in it, likewise.
+        advice: last sentence of the error.
+
+    Raises:
+        ConversionError: a state after a step differs from the state before the next one.
+    """
+    whole = {}
+    for name, values in rows.items():
+        if name.startswith(NEXT_PREFIX):
+            continue
+        whole[name] = before = values[:n]
+        if name not in STATE_ARRAYS:
+            continue
+        last = values[-1:]
+        if (after := rows.get(NEXT_PREFIX + name)) is not None:
+            last = after[n - 1 : n]
+            same = (after[: n - 1] == before[1:]).all(axis=tuple(range(1, after.ndim)))
+            if not same.all():
+                row = start + int(np.argmin(same))
+                raise ConversionError(
+                    f"{source}: {NEXT_PREFIX}{name} of row {row} differs from {name} of row "
+                    f"{row + 1}, though both belong to one episode. {advice}"
+                )
+        whole[name] = np.concatenate([before, last])
+    return whole
+
+
+class BlockReader:
+    """A `ReadRows` that reads many rows at once and serves small slices from them.
+
+    Slices should come in increasing order; other orders work but are slow.
+
+    Args:
+        read: reads some rows.
+        n_rows: number of rows.
+        row_bytes: approximate size of a row, which bounds the memory.
+        source: what is read, for errors: whatever `read` raises becomes one of ours.
+    """
+
+    def __init__(self, read: ReadRows, n_rows: int, row_bytes: int, source: Path | str) -> None:
+        self._read, self._source = read, source
+        self._n_rows = n_rows
+        self._block = max(1, BLOCK_BYTES // max(1, row_bytes))
+        self._held: Arrays = {}
+        self._start = self._stop = 0
+
+    def __call__(self, window: slice) -> Arrays:
+        """Returns the rows of `window`, which has a start and a stop."""
+        if not self._start <= window.start <= window.stop <= self._stop:
+            self._start = window.start
+            self._stop = min(self._n_rows, max(window.stop, window.start + self._block))
+            with reading(self._source):
+                self._held = self._read(slice(self._start, self._stop))
+        inside = slice(window.start - self._start, window.stop - self._start)
+        return {name: np.asarray(values[inside]) for name, values in self._held.items()}
 
 
 def import_without_note(

@@ -56,11 +56,7 @@ class ForeignFile:
             raise self.broken(f"{name}: {words}" if words else name) from error
 
     def each(self, items: Iterable[Item]) -> Iterator[Item]:
-        """Yields the items of an iterable of the library; what it raises is turned as by `call`.
-
-        Raises:
-            ConversionError: the library failed.
-        """
+        """Yields the items of an iterable of the library; what it raises is turned as by `call`."""
         with self.call():
             iterator = iter(items)
         while True:
@@ -93,22 +89,12 @@ class ForeignFile:
 
 
 def reading(source: Path | str, hint: str = "") -> AbstractContextManager[None]:
-    """`ForeignFile.call` for a single call of a library.
-
-    Args:
-        source: what is read, for the message.
-        hint: what to do, a sentence.
-    """
+    """`ForeignFile.call` for a single call of a library; the hint is what to do, a sentence."""
     return ForeignFile(Path(source), hint).call()
 
 
 def check_stored(source: Path | str, declared: int, stored: int) -> None:
-    """Compares the size that a file says with what it holds, before memory is taken.
-
-    Args:
-        source: the file, or an array in it.
-        declared: bytes in memory.
-        stored: bytes on the disk.
+    """Compares the bytes that a file, or an array in it, declares with those that it stores.
 
     Raises:
         ConversionError: far more is declared than any compression explains.
@@ -140,8 +126,3 @@ def check_plain(source: Path) -> None:
                 f"{path} is a symbolic link that leads out of {source}, expected plain files. Copy "
                 "the folder with its content (cp -rL), or download it with local_dir=FOLDER."
             )
-
-
-def folder_bytes(folder: Path) -> int:
-    """Bytes of all files of a folder."""
-    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())

@@ -11,15 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS
+from swarmdata.interop.conversion.dataset_facts import NEXT_PREFIX, STATE_ARRAYS, Arrays
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.imported_data import AgentShapes
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.spaces import LARGEST_EXACT_INTEGER, to_float32
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Bool
-
-Arrays = Mapping[str, NDArray[Any]]
 
 
 def admit_rows(rows: Arrays, n_agents: int, where: str) -> dict[str, NDArray[Any]]:
@@ -127,14 +125,7 @@ def columns_of(shape: Sequence[int]) -> int:
 
 
 def count_choices(actions: NDArray[Any], where: str) -> tuple[int, ...]:
-    """Counts the choices of whole-number actions.
-
-    Args:
-        actions: of an agent, or of several with the same choices, [..., A].
-        where: names them in errors.
-
-    Returns:
-        one more than the greatest choice, of each column; () if actions are not whole numbers.
+    """Counts the choices in each column of whole-number actions, [..., A]; () for other actions.
 
     Raises:
         ConversionError: there are none, they are negative, or float32 does not hold them.
@@ -197,7 +188,7 @@ def team_shapes(
         actions: array or file of the actions, [n, ...]; all are read if they are whole numbers.
         choices: the user's answers.
         source: name for errors.
-        n_states: columns of the state, 0 without states.
+        n_states: columns of the state.
 
     Raises:
         ConversionError: the columns cannot be divided among the agents.

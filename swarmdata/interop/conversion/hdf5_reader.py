@@ -5,6 +5,7 @@ external links, virtual datasets), which an import would then publish; and it ma
 that were never stored.
 """
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -70,9 +71,7 @@ def _check_array(array: Any, place: str) -> None:
         raise ConversionError(f"{place} is empty: it has no shape")
     size = array.dtype.itemsize
     check_stored(place, array.size * size, array.id.get_storage_size())
-    chunk = size
-    for length in array.chunks or ():
-        chunk *= length
+    chunk = size * math.prod(array.chunks or ())
     if chunk > MOST_CHUNK_BYTES:
         raise ConversionError(
             f"{place} has chunks of {chunk / 1e6:,.0f} MB, expected at most "

@@ -6,14 +6,15 @@ failure, holds everything written afterwards in memory, and raises when the libr
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import RawIOBase
 from pathlib import Path
 from typing import Any
 
 
-class _FailSafeFile:
-    """The file interface that h5py needs; its methods never fail."""
+class _FailSafeFile(RawIOBase):
+    """The file that h5py writes; its methods never fail."""
 
     def __init__(self, descriptor: int) -> None:
         self.descriptor, self.position = descriptor, 0
@@ -36,11 +37,6 @@ class _FailSafeFile:
         self.position += len(content)
         return len(content)
 
-    def read(self, size: int) -> bytes:
-        buffer = bytearray(size)
-        self.readinto(buffer)
-        return bytes(buffer)
-
     def readinto(self, buffer: Any) -> int:
         target = memoryview(buffer).cast("B")
         begin, end = self.position, self.position + len(target)
@@ -60,10 +56,7 @@ class _FailSafeFile:
         self.position += offset
         return self.position
 
-    def tell(self) -> int:
-        return self.position
-
-    def truncate(self, size: int) -> int:
+    def truncate(self, size: int) -> int:  # type: ignore[override]  # h5py always gives it
         if self.failure is None:
             try:
                 os.ftruncate(self.descriptor, size)
@@ -71,32 +64,23 @@ class _FailSafeFile:
                 self.failure = error
         return size
 
-    def flush(self) -> None:
-        """Does nothing: writes are not buffered."""
-
-
-class HDF5Writer:
-    """An open HDF5 file: `file` is h5py's; `check` raises the first failed write."""
-
-    def __init__(self, file: Any, sink: _FailSafeFile) -> None:
-        self.file, self._sink = file, sink
-
     def check(self) -> None:
-        """Raises the first failed write; to be called after each block, which bounds the memory.
-
-        Raises:
-            OSError: for example because no space is left.
-        """
-        if self._sink.failure is not None:
-            raise self._sink.failure
+        """Raises the first failed write."""
+        if self.failure is not None:
+            raise self.failure
 
 
 @contextmanager
-def create_hdf5(path: Path) -> Iterator[HDF5Writer]:
+def create_hdf5(path: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
     """Opens a new HDF5 file for writing.
 
+    Yields:
+        h5py's file, and a function that raises the first failed write; to be called after each
+        block, which bounds the memory.
+
     Raises:
-        OSError: the file could not be written; known for certain only at the end of the block.
+        OSError: the file could not be written, for example because no space is left; known for
+            certain only at the end of the block.
     """
     import h5py  # noqa: PLC0415  (heavy)
 
@@ -104,8 +88,7 @@ def create_hdf5(path: Path) -> Iterator[HDF5Writer]:
     try:
         sink = _FailSafeFile(descriptor)
         with h5py.File(sink, "w") as file:
-            writer = HDF5Writer(file, sink)
-            yield writer
-        writer.check()
+            yield file, sink.check
+        sink.check()
     finally:
         os.close(descriptor)

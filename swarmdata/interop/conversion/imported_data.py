@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
+from swarmdata.interop.conversion.dataset_facts import Arrays
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 from swarmdata.specs.recipe import PolicySource
@@ -16,8 +16,6 @@ from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
 
 UNKNOWN_POLICIES = (PolicySource(label="unknown", name="external"),)
 """Behavior policies of data that do not name them."""
-
-Arrays = Mapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -22,12 +22,7 @@ from swarmdata.types import Float
 
 
 def recorded_agents(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
-    """The agents and their spaces; our tasks have boxes, with actions in [-1, 1].
-
-    Args:
-        spec: spec of the dataset.
-        n_columns: number of columns of an observation, O.
-    """
+    """The agents and their spaces, with O columns of an observation."""
     spaces = zip(spec.observation_spaces(n_columns), spec.action_spaces, strict=True)
     return tuple(
         RecordedAgent(name=name, observation=observation, action=action)
@@ -36,12 +31,7 @@ def recorded_agents(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
 
 
 def split_rows(space: Space, rows: Float) -> Any:
-    """Returns the values in rows, in the structure and dtypes of their space.
-
-    Args:
-        space: space of the values.
-        rows: [n, at least width(space)]; further columns are padding.
-    """
+    """The values in rows [n, at least width(space)], in the structure and dtypes of their space."""
     n = len(rows)
     match space:
         case DictSpace() | TupleSpace():

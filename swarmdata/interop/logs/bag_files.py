@@ -93,18 +93,30 @@ def _listed_in(folder: Path) -> tuple[list[str], str]:
     return names, mode
 
 
+_Entry = tuple[Channel | str | int, Any, bytes]
+"""Channel of a message, or the number of one that the file does not describe, time and content."""
+
+
 def _of_file(
     file: Path, source: ForeignFile, topics: Collection[str], known: set[str]
 ) -> Iterator[RawMessage]:
     check_regular(file)
-    readers: dict[str, Callable[..., Iterator[RawMessage]]] = {
+    readers: dict[str, Callable[..., Iterator[_Entry]]] = {
         ".mcap": _of_mcap,
         ".db3": _of_sqlite,
         ".bag": _of_ros1,
     }
     if file.suffix not in readers:
         raise source.broken(f"expected a bag that ends in {', '.join(readers)}")
-    yield from readers[file.suffix](file, source, topics, known)
+    entries = readers[file.suffix](file, source, topics, known)
+    for n_messages, (channel, time, content) in enumerate(entries, 1):
+        source.place = f"message {n_messages:,}"
+        if not isinstance(channel, Channel):
+            raise source.broken(f"its topic {channel!r} is not in the file")
+        if channel.topic in topics:
+            source.place += f" ({channel.topic})"
+            yield RawMessage(source, channel, time, content)
+        source.place = f"after {n_messages:,} messages"
 
 
 def _unpacked_copy(source: ForeignFile, folder: Path) -> Path:
@@ -153,14 +165,13 @@ def _lz4_blocks(unpacker: Any, content: bytes) -> Iterator[bytes]:
 
 def _of_mcap(
     file: Path, source: ForeignFile, topics: Collection[str], known: set[str]
-) -> Iterator[RawMessage]:
+) -> Iterator[_Entry]:
     """Reads the file from its beginning to its end, which its checksums need."""
     from mcap.records import Channel as McapChannel  # noqa: PLC0415  (an extra)
     from mcap.records import Message, Schema  # noqa: PLC0415
 
     schemas: dict[int, Any] = {}
     channels: dict[int, Channel] = {}
-    n_messages = 0
     for record in _mcap_records(file, source):
         if isinstance(record, Schema):
             schemas[record.id] = record
@@ -168,15 +179,8 @@ def _of_mcap(
             channels[record.id] = _mcap_channel(record, schemas.get(record.schema_id))
             known.add(record.topic)
         elif isinstance(record, Message):
-            n_messages += 1
-            source.place = f"message {n_messages:,}"
-            if record.channel_id not in channels:
-                raise source.broken(f"its channel {record.channel_id} is not in the file")
-            channel = channels[record.channel_id]
-            if channel.topic in topics:
-                source.place += f" ({channel.topic})"
-                yield RawMessage(source, channel, record.log_time, record.data)
-            source.place = f"after {n_messages:,} messages"
+            channel = channels.get(record.channel_id, record.channel_id)
+            yield channel, record.log_time, record.data
 
 
 def _mcap_records(file: Path, source: ForeignFile) -> Iterator[Any]:
@@ -216,7 +220,7 @@ def _mcap_channel(channel: Any, schema: Any) -> Channel:
 
 def _of_sqlite(
     file: Path, source: ForeignFile, topics: Collection[str], known: set[str]
-) -> Iterator[RawMessage]:
+) -> Iterator[_Entry]:
     for suffix in ("-wal", "-journal"):
         rest = Path(f"{file}{suffix}")
         if rest.exists() and rest.stat().st_size:
@@ -238,15 +242,8 @@ def _of_sqlite(
                 "ORDER BY timestamp, id"
             )
         known |= {channel.topic for channel in channels.values()}
-        for n_messages, (number, time, content) in enumerate(source.each(rows), 1):
-            source.place = f"message {n_messages:,}"
-            if number not in channels:
-                raise source.broken(f"its topic {number!r} is not in the file")
-            channel = channels[number]
-            if channel.topic in topics:
-                source.place += f" ({channel.topic})"
-                yield RawMessage(source, channel, time, content)
-            source.place = f"after {n_messages:,} messages"
+        for number, time, content in source.each(rows):
+            yield channels.get(number, number), time, content
 
 
 def _sqlite_channels(database: sqlite3.Connection) -> Mapping[str, Channel]:
@@ -264,21 +261,15 @@ def _sqlite_channels(database: sqlite3.Connection) -> Mapping[str, Channel]:
     columns = ("id", "name", "type", "serialization_format", "type_description_hash")
     channels = {}
     for number, topic, kind, encoding, digest in rows("topics", *columns):
-        language, definition = definitions.get(kind, ("", ""))
-        channels[number] = Channel(
-            topic=topic,
-            kind=kind,
-            encoding=encoding,
-            definition=definition,
-            language="idl" if language == "ros2idl" else "msg",
-            digest=digest,
-        )
+        name, definition = definitions.get(kind, ("", ""))
+        language: Literal["msg", "idl"] = "idl" if name == "ros2idl" else "msg"
+        channels[number] = Channel(topic, kind, encoding, definition, language, digest)
     return channels
 
 
 def _of_ros1(
     file: Path, source: ForeignFile, topics: Collection[str], known: set[str]
-) -> Iterator[RawMessage]:
+) -> Iterator[_Entry]:
     from rosbags.rosbag1 import Reader  # noqa: PLC0415  (an extra)
 
     reader = Reader(file)
@@ -289,9 +280,7 @@ def _of_ros1(
         chosen = [each for each in reader.connections if each.topic in topics]
         if not chosen:  # which `messages` takes for all
             return
-        messages = source.each(reader.messages(connections=chosen))
-        for n_messages, (connection, time, content) in enumerate(messages, 1):
-            source.place = f"message {n_messages:,} ({connection.topic})"
+        for connection, time, content in source.each(reader.messages(connections=chosen)):
             channel = Channel(
                 topic=connection.topic,
                 kind=connection.msgtype,
@@ -299,5 +288,4 @@ def _of_ros1(
                 definition=connection.msgdef.data,
                 digest=connection.digest,
             )
-            yield RawMessage(source, channel, time, content)
-            source.place = f"after {n_messages:,} messages"
+            yield channel, time, content

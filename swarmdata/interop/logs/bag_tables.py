@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError, quoted
+from swarmdata.interop.conversion.foreign_file import ForeignFile
 from swarmdata.interop.logs.bag_files import METADATA, RawMessage, raw_messages
 from swarmdata.interop.logs.log_tables import MOST_NANOSECONDS, Cells, LogTable, stacked
 from swarmdata.interop.logs.planar_frames import plain_frame, yaw_of
@@ -74,21 +75,14 @@ def read_bag(path: Path, topics: Collection[str]) -> BagContents:
             continue
         if not isinstance(time, int) or not 0 <= time <= MOST_NANOSECONDS:
             raise message.source.broken(f"its time, {time!r:.40} ns, is out of bounds")
-        content = decoded(message)
-        try:
-            columns.setdefault(topic, _Columns()).add(time, content)
-        except _DepthError as error:
-            raise message.source.broken(str(error)) from error
+        leaves = _leaves(message.source, decoded(message), "", MOST_DEPTH)
+        columns.setdefault(topic, _Columns()).add(time, leaves)
     tables = {
         topic: each.table(f"{topic} of {path.name}") for topic, each in sorted(columns.items())
     }
     transforms = tuple(_transforms(path, static))
     read = {*tables, *([STATIC_TOPIC] if static else [])}
     return BagContents(tables, transforms, tuple(sorted(map(quoted, known - read))))
-
-
-class _DepthError(ValueError):
-    """A message holds too many mappings inside each other."""
 
 
 @dataclass(slots=True)
@@ -99,11 +93,11 @@ class _Columns:
     values: dict[str, list[Any]] = field(default_factory=dict)  # None where a message lacks it
     frames: set[str] = field(default_factory=set)
 
-    def add(self, time: int, message: Any) -> None:
-        """Takes a message."""
+    def add(self, time: int, leaves: Iterable[tuple[str, Any]]) -> None:
+        """Takes the leaves of a message."""
         row = len(self.times)
         self.times.append(time)
-        for key, value in _leaves(message, "", MOST_DEPTH):
+        for key, value in leaves:
             if isinstance(value, str):
                 if key in ("header.frame_id", "frame_id"):
                     self.frames.add(plain_frame(value))
@@ -143,7 +137,7 @@ def _column(values: list[Any]) -> Cells:
     return np.array([np.nan if value is None else value for value in values])
 
 
-def _leaves(value: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
+def _leaves(source: ForeignFile, value: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
     """Every number, array of numbers, text and null in a message, with its path."""
     if isinstance(value, Mapping):
         inner: Iterable[tuple[str, Any]] = value.items()
@@ -158,9 +152,9 @@ def _leaves(value: Any, path: str, depth: int) -> Iterator[tuple[str, Any]]:
             yield path, value
         return
     if not depth:
-        raise _DepthError(f"it has more than {MOST_DEPTH} mappings inside each other")
+        raise source.broken(f"it has more than {MOST_DEPTH} mappings inside each other")
     for name, each in inner:
-        yield from _leaves(each, f"{path}.{name}" if path else name, depth - 1)
+        yield from _leaves(source, each, f"{path}.{name}" if path else name, depth - 1)
 
 
 def _times(
@@ -247,7 +241,10 @@ def decoded(message: RawMessage) -> Any:
         )
     if channel.encoding == "json":
         with source.call():
-            return json.loads(message.content, parse_int=_whole)
+            return json.loads(
+                message.content,
+                parse_int=lambda text: int(text) if len(text) <= MOST_DIGITS else float(text),
+            )
     kind = channel.kind
     if kind.count("/") == 1:  # as ROS 1 writes it
         kind = kind.replace("/", "/msg/")
@@ -265,10 +262,6 @@ def decoded(message: RawMessage) -> Any:
         if is_ros1:
             return store.deserialize_ros1(message.content, kind)
         return store.deserialize_cdr(message.content, kind)
-
-
-def _whole(text: str) -> int | float:
-    return int(text) if len(text) <= MOST_DIGITS else float(text)
 
 
 @lru_cache(maxsize=256)  # compiling the code of a type takes a tenth of a second

@@ -16,12 +16,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.logs.resampling import (
-    NANOSECONDS,
-    interpolate,
-    nanoseconds,
-    wrap,
-)
+from swarmdata.interop.logs.planar_frames import planar_motion
+from swarmdata.interop.logs.resampling import NANOSECONDS, interpolate, nanoseconds, wrap
 from swarmdata.interop.logs.robot_signals import RobotSignals
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock
@@ -43,12 +39,7 @@ N_PARTS = 8
 def align_commands(
     signals: Sequence[RobotSignals], log_map: LogMap, known: Sequence[EstimatedClock] | None = None
 ) -> tuple[list[RobotSignals], tuple[EstimatedClock, ...]]:
-    """Shifts commands whose clock offset the map asks to estimate.
-
-    Args:
-        signals: of all robots.
-        log_map: which offsets to estimate, and how large they may be.
-        known: those of an earlier import, which are taken; None: estimated.
+    """Shifts commands whose clock offset the map asks to estimate, unless it is known.
 
     Returns:
         the signals, and the offsets.
@@ -219,11 +210,5 @@ def _motion(
     turns, _ = interpolate(signals.headings, grid, gap, is_angle=True)
     moved, turned = np.diff(places, axis=0) / length, wrap(np.diff(turns, axis=0))[:, 0]
     middle = turns[:-1, 0] + turned / 2
-    cosine, sine = np.cos(middle), np.sin(middle)
-    found = {"omega": turned / length}
-    if signals.robot.command.frame == "body":
-        found["v"] = cosine * moved[:, 0] + sine * moved[:, 1]
-        found["vy"] = -sine * moved[:, 0] + cosine * moved[:, 1]
-    else:
-        found |= {"vx": moved[:, 0], "vy": moved[:, 1]}
+    found = planar_motion(moved, turned / length, middle, signals.robot.command.frame)
     return found, placed[:-1] & placed[1:]

@@ -116,46 +116,41 @@ def with_reached_goals(tracks: Sequence[RobotTrack], windows: Sequence[Window]) 
     return [replace(each, goals=goals[k]) for k, each in enumerate(tracks)]
 
 
-class EpisodeMaker:
-    """Makes the episodes of tracks."""
+def make_episodes(
+    tracks: Sequence[RobotTrack],
+    windows: Sequence[Window],
+    states: Literal["observations", "poses"] = "observations",
+) -> tuple[list[Episode], int]:
+    """Makes the episodes of tracks; robots with gaps are absent if any episode has such.
 
-    def __init__(
-        self,
-        tracks: Sequence[RobotTrack],
-        windows: Sequence[Window],
-        states: Literal["observations", "poses"] = "observations",
-    ) -> None:
-        self._tracks, self._windows, self._states = tracks, windows, states
-        self._acting = acting_robots(tracks)
-        self.n_absent = sum(int((~self._acting[w.start : w.stop]).sum()) for w in windows)
-
-    def make(self, number: int) -> Episode:
-        """The episode of a window; robots with gaps are absent if any episode has such."""
-        window = self._windows[number]
-        steps = slice(window.start, window.stop)
-        acting = self._acting[steps]
-        seen = np.zeros((len(window) + 1, len(self._tracks)), np.bool_)
+    Returns:
+        the episodes, and the number of steps in which robots are absent, of each robot.
+    """
+    everywhere = acting_robots(tracks)
+    n_absent = sum(int((~everywhere[w.start : w.stop]).sum()) for w in windows)
+    episodes = []
+    for number, window in enumerate(windows):
+        steps, places = slice(window.start, window.stop), slice(window.start, window.stop + 1)
+        acting = everywhere[steps]
+        seen = np.zeros((len(window) + 1, len(tracks)), np.bool_)
         seen[:-1] |= acting
         seen[1:] |= acting  # a robot also observes the state in which it stops acting
-        places = slice(window.start, window.stop + 1)
-        observed = [
-            each.observations[places] * seen[:, k, None] for k, each in enumerate(self._tracks)
-        ]
-        poses = [
-            each.pose[places].astype(np.float32) * seen[:, k, None]
-            for k, each in enumerate(self._tracks)
-        ]
+        observed = [each.observations[places] * seen[:, k, None] for k, each in enumerate(tracks)]
+        if states == "poses":
+            poses = [each.pose[places].astype(np.float32) for each in tracks]
+            shown = [pose * seen[:, k, None] for k, pose in enumerate(poses)]
         rows: dict[str, Float | Bool] = {
             "observations": stack_agents(observed),
-            "states": np.concatenate(poses if self._states == "poses" else observed, axis=1),
+            "states": np.concatenate(shown if states == "poses" else observed, axis=1),
             "actions": stack_agents(
-                [each.actions[steps] * acting[:, k, None] for k, each in enumerate(self._tracks)]
+                [each.actions[steps] * acting[:, k, None] for k, each in enumerate(tracks)]
             ),
-            "rewards": np.stack([each.rewards[steps] for each in self._tracks], axis=1) * acting,
+            "rewards": np.stack([each.rewards[steps] for each in tracks], axis=1) * acting,
         }
-        if self.n_absent:
+        if n_absent:
             rows |= _absences(acting, window.end)
-        return build_episode(rows, seed=number, policy=0, end=window.end)
+        episodes.append(build_episode(rows, seed=number, policy=0, end=window.end))
+    return episodes, n_absent
 
 
 def _absences(acting: Bool, end: str) -> dict[str, Float | Bool]:

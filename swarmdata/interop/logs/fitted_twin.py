@@ -194,15 +194,10 @@ def _predicts_better(drives: Drives, robots: Sequence[int]) -> bool:
 
 def _part_fits(drives: Drives, robots: Sequence[int]) -> list[Response]:
     """Responses of each robot in each part of the episodes, where they are determined."""
-    found = []
-    for part in np.array_split(np.arange(len(drives.known)), N_PARTS):
-        for n in robots:
-            fit = (
-                fit_response(drives.part(slice(part[0], part[-1] + 1), [n])) if len(part) else None
-            )
-            if fit is not None and not fit.lacks:
-                found.append(fit.response)
-    return found
+    parts = np.array_split(np.arange(len(drives.known)), N_PARTS)
+    slices = [slice(part[0], part[-1] + 1) for part in parts if len(part)]
+    fits = [fit_response(drives.part(part, [n])) for part in slices for n in robots]
+    return [fit.response for fit in fits if fit is not None and not fit.lacks]
 
 
 def _spec(
@@ -224,6 +219,7 @@ def _spec(
     else:
         team = [{"name": name, "count": 1, "robot": robot}
                 for name, robot in zip(drives.names, robots, strict=True)]  # fmt: skip
+    slowest = min(each.speed_gain for each in responses) * drives.largest[0]
     noise = {"position": round(sources.position, 4), "direction": round(sources.heading, 4)}
     content = {
         "rules": {"task": "coop_nav"},
@@ -231,7 +227,8 @@ def _spec(
         "arena": {"width": width, "height": height},
         "obstacles": {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0},
         "spawn": {"min_goal_distance": min(1.2, round(min(width, height) / 2, 2))},
-        "horizon": _time_to_cross(math.hypot(width, height), drives, responses),
+        # in which the slowest robot can cross the arena, and half as far again
+        "horizon": math.ceil(1.5 * math.hypot(width, height) / slowest / drives.dt),
         "control_dt": drives.dt,
         "physics_dt": drives.dt / 2,
         "observation": {
@@ -241,12 +238,6 @@ def _spec(
         "randomization": _ranges(drives, [*parts, *responses]),
     }
     return TaskSpec.parse(content, f"the twin of {dataset.recipe.id}")
-
-
-def _time_to_cross(distance: float, drives: Drives, responses: Sequence[Response]) -> int:
-    """Steps in which the slowest robot can drive as far, and half as far again."""
-    slowest = min(each.speed_gain for each in responses) * drives.largest[0]
-    return math.ceil(1.5 * distance / slowest / drives.dt)
 
 
 def _robot(drives: Drives, response: Response, radius: float) -> dict[str, object]:

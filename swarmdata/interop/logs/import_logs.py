@@ -11,18 +11,12 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.convert import store_imported
 from swarmdata.interop.logs.clock_offsets import align_commands
-from swarmdata.interop.logs.episode_windows import (
-    EpisodeMaker,
-    Window,
-    find_windows,
-    most_steps,
-    with_reached_goals,
-)
+from swarmdata.interop.logs.episode_windows import find_windows, make_episodes, most_steps
 from swarmdata.interop.logs.map_files import read_map
 from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
 from swarmdata.interop.logs.resampling import make_grid
-from swarmdata.interop.logs.robot_signals import RobotSignals, SignalReader, topics_of
+from swarmdata.interop.logs.robot_signals import SignalReader
 from swarmdata.interop.logs.robot_tracks import (
     POSE_SPACE,
     RobotTrack,
@@ -30,24 +24,19 @@ from swarmdata.interop.logs.robot_tracks import (
     span_of,
     with_bounds,
 )
-from swarmdata.interop.logs.scored_episodes import (
-    EpisodeScorer,
-    check_task,
-    layout_of,
-    team_motion,
-)
+from swarmdata.interop.logs.scored_episodes import check_task, score_episodes
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import RecordedSpec
-from swarmdata.specs.origins.log_map import LogMap, StaticTransform
+from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import MANIFEST
-from swarmdata.types import Episode, Int
+from swarmdata.types import Episode
 
 IMPORT_VERSION = "2"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
@@ -109,8 +98,7 @@ def import_logs(
         task = find_spec(str(task))
     if task is not None and not id.startswith(f"{task.task}-"):
         raise SpecError(f"id {id!r} of a dataset of the task has to begin with {task.task}-")
-    paths = [Path(each).expanduser().absolute() for each in _listed(logs)]
-    open_logs = OpenLogs(paths, log_map, topics_of(log_map))
+    open_logs = _opened(logs, log_map)
     found = _read(open_logs, log_map, task)
     content = {
         "id": id,
@@ -143,8 +131,7 @@ def remake_logs(
         BuildError: another dataset is at `out`.
     """
     out = _checked(out)
-    paths = [Path(each).expanduser().absolute() for each in _listed(logs)]
-    open_logs = OpenLogs(paths, origin.log_map, topics_of(origin.log_map))
+    open_logs = _opened(logs, origin.log_map)
     found = open_logs.files()
     if found != origin.files:
         theirs = {file.name: file.sha256 for file in origin.files}
@@ -171,8 +158,9 @@ def _checked(out: Path | str) -> Path:
     return folder
 
 
-def _listed(logs: Sequence[Path | str] | Path | str) -> list[Path | str]:
-    return [logs] if isinstance(logs, Path | str) else list(logs)
+def _opened(logs: Sequence[Path | str] | Path | str, log_map: LogMap) -> OpenLogs:
+    listed = [logs] if isinstance(logs, Path | str) else logs
+    return OpenLogs([Path(each).expanduser().absolute() for each in listed], log_map)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,16 +179,9 @@ def _read(
     task: TaskSpec | None,
     clocks: Sequence[EstimatedClock] | None = None,
 ) -> _Contents:
-    """Reads the episodes of the logs.
-
-    Args:
-        logs: the logs.
-        log_map: what they hold.
-        task: that scores them, if any.
-        clocks: offsets that an earlier import has estimated; None: estimated here.
-    """
+    """Reads the episodes; offsets of clocks are those of an earlier import, if there was one."""
     check_task(task, log_map)
-    frames = PlanarFrames(log_map.world, _transforms(logs, log_map))
+    frames = PlanarFrames(log_map.world, [*log_map.transforms, *logs.transforms()])
     reader = SignalReader(logs, frames, log_map.max_gap)
     signals, clocks = align_commands(
         [reader.robot(robot) for robot in log_map.robots], log_map, clocks
@@ -217,17 +198,18 @@ def _read(
     counts["steps_of_short_episodes"] = n_short
     counts["clipped_commands"] = sum(track.n_clipped for track in tracks)
     if task is None:
-        maker = EpisodeMaker(tracks, windows, log_map.states)
-        episodes = [maker.make(number) for number in range(len(windows))]
-        counts["absent_robot_steps"] = maker.n_absent
+        episodes, counts["absent_robot_steps"] = make_episodes(tracks, windows, log_map.states)
     else:
-        scorer = _scorer(task, log_map, signals, tracks, grid, windows)
-        episodes = scorer.episodes(windows)
-        counts += scorer.counts
+        episodes, left_out = score_episodes(task, log_map, signals, tracks, grid, windows)
+        counts += left_out
     if not episodes:
         raise ConversionError(
             f"no episode of at least {log_map.episodes.min_steps} steps is in the logs. "
-            + "; ".join(_coverage(track) for track in tracks)
+            + "; ".join(
+                f"{track.agent.name}: pose known at {np.mean(track.is_placed):.0%} of the times, "
+                f"command at {np.mean(track.is_commanded):.0%}"
+                for track in tracks
+            )
             + f". A pose or command is unknown where samples are more than {log_map.max_gap:g} s "
             "apart (`max_gap`)."
         )
@@ -240,20 +222,6 @@ def _within_horizon(log_map: LogMap, task: TaskSpec) -> LogMap:
     length = min(log_map.episodes.length or longest, longest)
     cuts = log_map.episodes.model_copy(update={"length": length})
     return log_map.model_copy(update={"episodes": cuts})
-
-
-def _scorer(
-    task: TaskSpec,
-    log_map: LogMap,
-    signals: Sequence[RobotSignals],
-    tracks: Sequence[RobotTrack],
-    grid: Int,
-    windows: Sequence[Window],
-) -> EpisodeScorer:
-    if log_map.episodes.goals == "reached":
-        tracks = with_reached_goals(tracks, windows)
-    motion = team_motion(task, log_map, signals, tracks, grid)
-    return EpisodeScorer(task, layout_of(task, log_map), motion, log_map)
 
 
 def _notes(logs: OpenLogs, log_map: LogMap, counts: Mapping[str, int]) -> dict[str, str]:
@@ -278,19 +246,9 @@ def _joined(names: Sequence[str]) -> str:
     return f"{kept} and {len(names) - kept.count(', ') - 1} more"
 
 
-def _transforms(logs: OpenLogs, log_map: LogMap) -> list[StaticTransform]:
-    return [*log_map.transforms, *logs.transforms()]
-
-
-def _coverage(track: RobotTrack) -> str:
-    return (
-        f"{track.agent.name}: pose known at {np.mean(track.is_placed):.0%} of the times, command "
-        f"at {np.mean(track.is_commanded):.0%}"
-    )
-
-
 def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedSpec:
     agents = tuple(track.agent for track in tracks)
+    size = sum(width(agent.observation) for agent in agents)
     content = {
         "task": task,
         "library": "logs of robots",
@@ -303,11 +261,7 @@ def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedS
             },
         },
         "agents": agents,
-        "state_size": (
-            POSE_SPACE.shape[0] * len(agents)
-            if log_map.states == "poses"
-            else sum(width(agent.observation) for agent in agents)
-        ),
+        "state_size": width(POSE_SPACE) * len(agents) if log_map.states == "poses" else size,
         "state_from": log_map.states,
         "horizon": most_steps(log_map),
         "time_step": log_map.dt,

@@ -43,7 +43,10 @@ Cells = Sequence[str] | NDArray[Any] | RaggedColumn
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogTable:
-    """Rows of one table, or messages of one topic."""
+    """Rows of one table, or messages of one topic.
+
+    Whatever reads a column raises ConversionError if it is absent, or holds something else.
+    """
 
     name: str  # file or topic, for errors
     cells: Mapping[str, Cells]
@@ -63,11 +66,7 @@ class LogTable:
         return self.cells[name]
 
     def numbers(self, name: str) -> NDArray[Any]:
-        """A column of numbers, int64, float64 or flags, [n] or [n, B]; empty cells are NaN.
-
-        Raises:
-            ConversionError: there is no such column, or a cell is no number.
-        """
+        """A column of numbers, int64, float64 or flags, [n] or [n, B]; empty cells are NaN."""
         cells = self._column(name)
         if isinstance(cells, RaggedColumn):
             sizes = [len(row) for row in cells.rows]
@@ -87,11 +86,7 @@ class LogTable:
                          for k, text in enumerate(cells, 1)], np.float64)  # fmt: skip
 
     def arrays(self, name: str) -> list[NDArray[Any]]:
-        """A column of numbers as one float64 array for each row, of one or several lengths.
-
-        Raises:
-            ConversionError: there is no such column, or a cell is no number.
-        """
+        """A column of numbers as one float64 array for each row, of one or several lengths."""
         cells = self._column(name)
         if isinstance(cells, RaggedColumn):
             return [row.astype(np.float64) for row in cells.rows]
@@ -99,15 +94,7 @@ class LogTable:
         return list(values.reshape(len(values), -1))
 
     def nanoseconds(self, name: str, unit: str) -> Int:
-        """A column of times as whole nanoseconds, exact where it is text or whole numbers, [n].
-
-        Args:
-            name: of the column.
-            unit: of time.
-
-        Raises:
-            ConversionError: a cell is no time.
-        """
+        """A column of times in a unit, as whole nanoseconds, exact unless it is floats, [n]."""
         size, cells = NANOSECONDS_IN[unit], self._column(name)
         where = f"{self.name}: times in column {name!r}"
         if isinstance(cells, RaggedColumn):
@@ -123,24 +110,14 @@ class LogTable:
         return np.round(cells * size).astype(np.int64)
 
     def texts(self, name: str) -> list[str]:
-        """A column as text, [n].
-
-        Raises:
-            ConversionError: there is no such column.
-        """
+        """A column as text, [n]."""
         cells = self._column(name)
         return [str(cell) for cell in (cells.rows if isinstance(cells, RaggedColumn) else cells)]
 
     def rows_with(self, name: str, value: str | int, *, may_lack: bool = False) -> Bool:
-        """Which rows have a value in a column; numbers are compared as numbers, [n].
+        """Which rows have a value in a column, [n]; none may lack it unless `may_lack`.
 
-        Args:
-            name: of the column.
-            value: wanted.
-            may_lack: whether it is right that no row has it.
-
-        Raises:
-            ConversionError: there is no such column, or no such row.
+        Numbers are compared as numbers.
         """
         cells = self.texts(name)
         same = {text: _is_same(text, value) for text in dict.fromkeys(cells)}

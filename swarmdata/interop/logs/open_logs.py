@@ -1,6 +1,6 @@
 """OpenLogs: the files and folders that a user named, and the tables in them."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from swarmdata.errors import ConversionError, DatasetNotFoundError, did_you_mean, listed
@@ -8,7 +8,7 @@ from swarmdata.interop.convert import source_digest
 from swarmdata.interop.logs.bag_tables import BagContents, is_bag, read_bag
 from swarmdata.interop.logs.log_tables import LogTable, is_match, read_table
 from swarmdata.runtime.regular_files import check_regular
-from swarmdata.specs.origins.log_map import LogMap, StaticTransform
+from swarmdata.specs.origins.log_map import LogMap, LogSource, StaticTransform
 from swarmdata.specs.origins.log_origin import LogFile
 from swarmdata.specs.plain_names import repeated
 
@@ -19,7 +19,6 @@ class OpenLogs:
     Args:
         paths: files, folders of files, and folders that are bags.
         log_map: what they hold.
-        topics: all topics that the map names.
 
     Raises:
         DatasetNotFoundError: there is nothing at a path.
@@ -27,8 +26,8 @@ class OpenLogs:
         FileKindError: a log is a pipe, a device or the like.
     """
 
-    def __init__(self, paths: Sequence[Path], log_map: LogMap, topics: Collection[str]) -> None:
-        self._map, self._topics = log_map, topics
+    def __init__(self, paths: Sequence[Path], log_map: LogMap) -> None:
+        self._map = log_map
         found = [log for path in paths for log in _logs_at(path)]
         kept = [log for log in found if not is_match(log.name, log_map.ignore_logs)]
         if twice := repeated(log.name for log in kept):
@@ -49,7 +48,7 @@ class OpenLogs:
 
         Args:
             log: its name; None if there is only one.
-            topic: of a bag; None for a table.
+            topic: of a bag.
             signal: in words, for errors, such as "pose of robot_0".
 
         Raises:
@@ -88,7 +87,7 @@ class OpenLogs:
 
     def _bag(self, name: str) -> BagContents:
         if name not in self._bags:
-            self._bags[name] = read_bag(self.paths[name], self._topics)
+            self._bags[name] = read_bag(self.paths[name], _topics_of(self._map))
         return self._bags[name]
 
     def transforms(self) -> list[StaticTransform]:
@@ -124,6 +123,15 @@ class OpenLogs:
             LogFile(name=name, sha256=source_digest(path))
             for name, path in sorted(self.paths.items())
         )
+
+
+def _topics_of(log_map: LogMap) -> set[str]:
+    """Every topic that a map names."""
+    sources: list[LogSource | None] = [log_map.episodes.marker]
+    for robot in log_map.robots:
+        sources += [robot, robot.pose, robot.command, robot.goal, robot.scan, robot.reward]
+        sources += robot.features
+    return {each.topic for each in sources if each is not None and each.topic is not None}
 
 
 def _logs_at(path: Path) -> list[Path]:

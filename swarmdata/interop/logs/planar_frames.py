@@ -25,6 +25,22 @@ def yaw_of(x: Double, y: Double, z: Double, w: Double) -> Double:
         return np.where(level, np.arctan2(sine, cosine), np.nan)
 
 
+def planar_motion(moved: Double, turned: Double, headings: Double, frame: str) -> dict[str, Double]:
+    """Velocities by the names that maps have for them, [n] each.
+
+    Args:
+        moved: velocities in the world, [n, 2] m/s.
+        turned: turn rates, [n] rad/s.
+        headings: of the robot, [n] rad.
+        frame: of the velocities, `body` or `world`.
+    """
+    if frame != "body":
+        return {"vx": moved[:, 0], "vy": moved[:, 1], "omega": turned}
+    cosine, sine = np.cos(headings), np.sin(headings)
+    ahead = cosine * moved[:, 0] + sine * moved[:, 1]
+    return {"v": ahead, "vy": -sine * moved[:, 0] + cosine * moved[:, 1], "omega": turned}
+
+
 def plain_frame(name: str) -> str:
     """The name of a frame without the slash that ROS 1 once wrote before it."""
     return name.removeprefix("/")
@@ -71,11 +87,7 @@ class PlanarFrames:
         return float(x), float(y), float(heading)
 
     def points(self, samples: Samples, frame: str, what: str) -> Samples:
-        """Points [n, 2] of a frame as points of the world.
-
-        Raises:
-            ConversionError: no transforms lead from the frame to the world.
-        """
+        """Points [n, 2] of a frame as points of the world; raises as `pose_of` does."""
         x, y, heading = self.pose_of(frame, what)
         if (x, y, heading) == (0.0, 0.0, 0.0):
             return samples

@@ -21,7 +21,6 @@ from swarmdata.specs.origins.log_map import (
     FeatureSignal,
     GoalSignal,
     LoggedRobot,
-    LogMap,
     LogSource,
     MarkerSignal,
     PoseSignal,
@@ -53,20 +52,6 @@ class RobotSignals:
     scans: Samples | None  # ranges, m
     features: tuple[tuple[Samples, ...], ...]  # of each, one for each of its slots
     rewards: Samples | None
-
-
-def sources_of(log_map: LogMap) -> Iterator[LogSource]:
-    """Every source of a map, the robots' own ones included."""
-    for robot in log_map.robots:
-        yield from (robot, robot.pose, robot.command, *robot.features)
-        yield from (each for each in (robot.goal, robot.scan, robot.reward) if each is not None)
-    if log_map.episodes.marker is not None:
-        yield log_map.episodes.marker
-
-
-def topics_of(log_map: LogMap) -> frozenset[str]:
-    """Every topic that a map names."""
-    return frozenset(each.topic for each in sources_of(log_map) if each.topic is not None)
 
 
 class SignalReader:
@@ -163,10 +148,6 @@ class SignalReader:
         """The rows in the order of time, without those that have no value.
 
         Of rows with the same time the last is taken; rewards are added up.
-
-        Raises:
-            ConversionError: values are infinite in float32, or time runs back by more than
-                `max_gap`: two drives, or a clock that was set, would be interleaved.
         """
         values: Double = np.concatenate([_two(column) for column in columns], axis=1)
         times = rows.times()
@@ -187,14 +168,7 @@ class SignalReader:
 
 
 class _Rows:
-    """The rows of one signal.
-
-    Args:
-        logs: the logs.
-        robot: whose signal it is; its source holds where the signal's says nothing.
-        source: of the signal.
-        what: the signal in words, for errors.
-    """
+    """The rows of one signal; a robot's source holds where the signal's says nothing."""
 
     def __init__(
         self, logs: OpenLogs, robot: LoggedRobot | None, source: LogSource, what: str
@@ -214,11 +188,7 @@ class _Rows:
             self._chosen &= self.table.rows_with(column, text, may_lack=is_code)
 
     def in_slots(self, logs: OpenLogs, slots: Slots | None) -> "Iterator[_Rows]":
-        """The rows of each slot; all rows, if there are none.
-
-        Raises:
-            ConversionError: the table of the slots lists a value twice.
-        """
+        """The rows of each slot; all rows, if there are none."""
         if slots is None:
             yield self
             return
@@ -239,15 +209,7 @@ class _Rows:
         return [cells[k] for k in np.flatnonzero(self._chosen)]
 
     def quantity(self, column: ColumnOf, wanted: tuple[str, str] | None = None) -> Double:
-        """A column in SI units, [n] or [n, B].
-
-        Args:
-            column: name and unit.
-            wanted: the quantity and its SI unit; None: that of the column's unit.
-
-        Raises:
-            ConversionError: the unit is of another quantity, or the format has another one.
-        """
+        """A column in SI units, of a quantity if one is wanted, [n] or [n, B]."""
         values = self.table.numbers(column.column)[self._chosen]
         if wanted and values.dtype == np.bool_:
             raise ConversionError(
@@ -258,15 +220,7 @@ class _Rows:
         return np.asarray(values if factor == 1 else values * factor, np.float64)
 
     def arrays(self, columns: Sequence[ColumnOf], wanted: tuple[str, str]) -> list[Double]:
-        """Columns in SI units, joined, as one array for each row, of one or several lengths.
-
-        Args:
-            columns: names and units.
-            wanted: the quantity and its SI unit.
-
-        Raises:
-            ConversionError: as in `quantity`.
-        """
+        """Columns in SI units, joined, as one array for each row, of one or several lengths."""
         parts = [self.table.arrays(column.column) for column in columns]
         factors = [self._factor(column, wanted) for column in columns]
         return [
@@ -275,11 +229,7 @@ class _Rows:
         ]
 
     def times(self) -> Int:
-        """The times of the rows, on the clock of the map, [n] ns.
-
-        Raises:
-            ConversionError: a row has none, or the unit is none of time.
-        """
+        """The times of the rows, on the clock of the map, [n] ns."""
         unit = self._unit(self._time, "s")
         if UNITS[unit][0] != "time":
             raise ConversionError(
@@ -288,15 +238,7 @@ class _Rows:
         return self.table.nanoseconds(self._time.column, unit)[self._chosen] + self._offset
 
     def check_order(self, times: Int, max_gap: float) -> None:
-        """Checks that rows are in the order of their times, but for small disorder.
-
-        Args:
-            times: of the rows, [n] ns.
-            max_gap: s, that time may run back; that of the signal comes first.
-
-        Raises:
-            ConversionError: it runs back farther.
-        """
+        """Refuses rows whose times run back by more than `max_gap` s, or that of the signal."""
         behind = np.maximum.accumulate(times) - times
         allowed = self._max_gap or max_gap
         wrong = np.flatnonzero(behind > nanoseconds(allowed))

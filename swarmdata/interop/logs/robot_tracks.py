@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from swarmdata.errors import ConversionError
+from swarmdata.interop.logs.planar_frames import planar_motion
 from swarmdata.interop.logs.resampling import (
     Samples,
     add_up,
@@ -105,7 +106,7 @@ def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
         space = BoxSpace(shape=(n_beams,), dtype="float32", low=0.0, high=farthest)
         parts |= _flagged("scan", space, *hold(signals.scans, grid, _gap(robot.scan, log_map)))
     for feature, samples in zip(robot.features, signals.features, strict=True):
-        values, known = _slots(feature, samples, grid, _gap(feature, log_map))
+        values, known = _feature(feature, samples, grid, _gap(feature, log_map))
         space = BoxSpace(shape=(values.shape[1],), dtype="float32")
         parts |= _flagged(feature.name, space, values, known)
     commands, is_commanded = _commands(signals, log_map, grid, positions, headings, is_placed)
@@ -141,22 +142,21 @@ def _flagged(
     return {name: (space, values * whole), f"{name}_known": (flag_space, flags)}
 
 
-def _slots(
-    feature: FeatureSignal, samples: Sequence[Samples], grid: Int, gap: int
+def _feature(
+    feature: FeatureSignal, slots: Sequence[Samples], grid: Int, gap: int
 ) -> tuple[Double, Bool]:
     """The columns of all slots of a feature, side by side, and which slots are known, [K, S]."""
-    found = [_feature(feature, each, grid, gap) for each in samples]
-    values = np.concatenate([each for each, _ in found], axis=1)
-    return values, np.stack([known for _, known in found], axis=1)
-
-
-def _feature(feature: FeatureSignal, samples: Samples, grid: Int, gap: int) -> tuple[Double, Bool]:
-    if feature.between == "held":
-        return hold(samples, grid, gap)
-    if feature.between == "linear":
-        return interpolate(samples, grid, gap)
-    angles, known = interpolate(samples, grid, gap, is_angle=True)
-    return np.concatenate([np.cos(angles), np.sin(angles)], axis=1), known
+    is_angle = feature.between == "angle"
+    found = [
+        hold(each, grid, gap)
+        if feature.between == "held"
+        else interpolate(each, grid, gap, is_angle=is_angle)
+        for each in slots
+    ]
+    values = [each for each, _ in found]
+    if is_angle:
+        values = [np.concatenate([np.cos(each), np.sin(each)], axis=1) for each in values]
+    return np.concatenate(values, axis=1), np.stack([known for _, known in found], axis=1)
 
 
 def _commands(
@@ -169,15 +169,7 @@ def _commands(
         return hold(signals.commands, grid, _gap(command, log_map))
     moved = np.diff(positions, axis=0, append=positions[-1:]) / log_map.dt
     turned = wrap(np.diff(headings, axis=0, append=headings[-1:])) / log_map.dt
-    cosine, sine = np.cos(headings[:, 0]), np.sin(headings[:, 0])
-    found = {
-        "vx": moved[:, 0],
-        "vy": moved[:, 1],
-        "omega": turned[:, 0],
-    }
-    if command.frame == "body":
-        found["v"] = cosine * moved[:, 0] + sine * moved[:, 1]
-        found["vy"] = -sine * moved[:, 0] + cosine * moved[:, 1]
+    found = planar_motion(moved, turned[:, 0], headings[:, 0], command.frame)
     known = is_placed & np.append(is_placed[1:], False)
     values = np.stack([found[each.column] for each in command.components], axis=1)
     return values * known[:, None], known

@@ -19,7 +19,7 @@ from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interfaces import Task
-from swarmdata.interop.logs.episode_windows import Window
+from swarmdata.interop.logs.episode_windows import Window, with_reached_goals
 from swarmdata.interop.logs.resampling import interpolate, nanoseconds
 from swarmdata.interop.logs.robot_signals import RobotSignals
 from swarmdata.interop.logs.robot_tracks import RobotTrack
@@ -214,75 +214,70 @@ def _unit(track: RobotTrack, robot: Robot, logged: LoggedRobot) -> Float:
     return clipped
 
 
-class EpisodeScorer:
-    """Makes the episodes of a task.
+def score_episodes(
+    spec: TaskSpec,
+    log_map: LogMap,
+    signals: Sequence[RobotSignals],
+    tracks: Sequence[RobotTrack],
+    grid: Int,
+    windows: Sequence[Window],
+) -> tuple[list[Episode], Counter[str]]:
+    """Makes an episode of each window that is long enough.
 
-    Args:
-        spec: the task.
-        layout: obstacles, [M, 8].
-        motion: of all robots.
-        log_map: for the names of robots, and the shortest episode.
+    Returns:
+        the episodes, and the steps that were left out, by why.
+
+    Raises:
+        SpecError: the map has other obstacles than the task.
+        ConversionError: a goal is unknown or moves, or a robot is outside the arena.
     """
-
-    def __init__(self, spec: TaskSpec, layout: Float, motion: TeamMotion, log_map: LogMap) -> None:
-        self._spec, self._layout, self._motion, self._map = spec, layout, motion, log_map
-        self._world = LoggedWorld(make_task(spec))
-        self.counts: Counter[str] = Counter()  # steps that were left out, by why
-
-    def episodes(self, windows: Sequence[Window]) -> list[Episode]:
-        """One episode of each window that is long enough.
-
-        Raises:
-            ConversionError: a goal is unknown or moves, or a robot is outside the arena.
-        """
-        found: list[Episode] = []
-        for window in windows:
-            self.counts["first_poses"] += 1
-            if len(window) - 1 < self._map.episodes.min_steps:
-                self.counts["steps_of_short_episodes"] += len(window) - 1
-                continue
-            steps, actions = self._play(window, len(found))
-            self.counts["steps_after_the_end"] += len(window) - len(steps)
-            found.append(_episode(steps, actions))
-        return found
-
-    def _play(self, window: Window, number: int) -> tuple[list[Step], Float]:
-        """The steps from the window's second time on, until the task ends, and their actions."""
-        motion, first, stop = self._motion, window.start + 1, window.stop
-        self._check(first, stop)
+    if log_map.episodes.goals == "reached":
+        tracks = with_reached_goals(tracks, windows)
+    motion, layout = team_motion(spec, log_map, signals, tracks, grid), layout_of(spec, log_map)
+    world, episodes, counts = LoggedWorld(make_task(spec)), list[Episode](), Counter[str]()
+    for window in windows:
+        counts["first_poses"] += 1
+        first, stop = window.start + 1, window.stop
+        if stop - first < log_map.episodes.min_steps:
+            counts["steps_of_short_episodes"] += stop - first
+            continue
+        _check_motion(spec, log_map, motion, first, stop)
         places = motion.places[first : stop + 1]
-        speeds = np.diff(motion.places[first - 1 : stop + 1], axis=0) / self._map.dt
+        speeds = np.diff(motion.places[first - 1 : stop + 1], axis=0) / log_map.dt
         robots = np.concatenate([places, speeds, motion.headings[first : stop + 1]], axis=2)
-        played = LoggedMotion(motion.between[first:stop], robots, motion.goals[first], self._layout)
-        self._world.begin(played)
-        env, steps = self._world.env, []
-        steps.append(env.reset(np.array([number], np.uint64)))
+        world.begin(LoggedMotion(motion.between[first:stop], robots, motion.goals[first], layout))
+        steps = [world.env.reset(np.array([len(episodes)], np.uint64))]
         for t in range(first, stop):
-            steps.append(env.step(motion.actions[t][None]))
+            steps.append(world.env.step(motion.actions[t][None]))
             if steps[-1].ended[0]:
                 break
-        return steps, motion.actions[first : first + len(steps) - 1]
+        counts["steps_after_the_end"] += len(window) - len(steps)
+        episodes.append(_episode(steps, motion.actions[first : first + len(steps) - 1]))
+    return episodes, counts
 
-    def _check(self, first: int, stop: int) -> None:
-        goals = self._motion.goals[first : stop + 1]
-        bad: Bool = np.isnan(goals[..., 0]) | (np.abs(goals - goals[0]) > SAME_GOAL).any(axis=2)
-        if bad.any():
-            time, robot = np.argwhere(bad)[0].tolist()
-            what = "is unknown" if np.isnan(goals[time, robot, 0]) else "moves within an episode"
-            raise ConversionError(
-                f"the goal of {self._map.robots[robot].name} {what}, {time * self._map.dt:g} s "
-                "after the episode's start. Cut episodes there: `episodes.goal_change` or a marker."
-            )
-        half = np.array(self._spec.half_size)
-        outside: Bool = np.any(np.abs(self._motion.places[first : stop + 1]) > half, axis=2)
-        if outside.any():
-            time, robot = np.argwhere(outside)[0].tolist()
-            x, y = self._motion.places[first + time, robot]
-            raise ConversionError(
-                f"{self._map.robots[robot].name} is at ({x:.2f}, {y:.2f}) m, outside the task's "
-                f"arena, which is centred on the origin and {2 * half[0]:g} m by {2 * half[1]:g} m."
-                " Move the poses by `transforms` of the map, or enlarge the arena."
-            )
+
+def _check_motion(
+    spec: TaskSpec, log_map: LogMap, motion: TeamMotion, first: int, stop: int
+) -> None:
+    goals = motion.goals[first : stop + 1]
+    bad: Bool = np.isnan(goals[..., 0]) | (np.abs(goals - goals[0]) > SAME_GOAL).any(axis=2)
+    if bad.any():
+        time, robot = np.argwhere(bad)[0].tolist()
+        what = "is unknown" if np.isnan(goals[time, robot, 0]) else "moves within an episode"
+        raise ConversionError(
+            f"the goal of {log_map.robots[robot].name} {what}, {time * log_map.dt:g} s after the "
+            "episode's start. Cut episodes there: `episodes.goal_change` or a marker."
+        )
+    half = np.array(spec.half_size)
+    outside: Bool = np.any(np.abs(motion.places[first : stop + 1]) > half, axis=2)
+    if outside.any():
+        time, robot = np.argwhere(outside)[0].tolist()
+        x, y = motion.places[first + time, robot]
+        raise ConversionError(
+            f"{log_map.robots[robot].name} is at ({x:.2f}, {y:.2f}) m, outside the task's arena, "
+            f"which is centred on the origin and {2 * half[0]:g} m by {2 * half[1]:g} m. Move the "
+            "poses by `transforms` of the map, or enlarge the arena."
+        )
 
 
 def _episode(steps: Sequence[Step], actions: Float) -> Episode:
@@ -318,39 +313,33 @@ class LoggedMotion(NamedTuple):
 
 
 class LoggedWorld:
-    """One copy of a task in which logged motion is played back.
-
-    Args:
-        task: whose code observes and scores.
-    """
+    """One copy of a task, whose code observes and scores logged motion that is played back."""
 
     def __init__(self, task: Task) -> None:
-        self._start = _LoggedStart(task)
-        self._backend: _Playback | None = None
-        self.env = TaskEnv(self._start, 1, backend=self._make_backend)  # type: ignore[arg-type]
+        self._start = start = _LoggedStart(task)
+
+        def playback(plan: Plan, n_copies: int) -> _Playback:
+            return _Playback(plan, start)
+
+        self.env = TaskEnv(start, 1, backend=playback)  # type: ignore[arg-type]
 
     def begin(self, motion: LoggedMotion) -> None:
         """Takes the motion that the next episode of `env` plays back."""
-        assert self._backend is not None
-        self._start.motion = self._backend.motion = motion
-
-    def _make_backend(self, plan: Plan, n_copies: int) -> "_Playback":
-        self._backend = _Playback(plan)
-        return self._backend
+        self._start.motion = motion
 
 
 class _LoggedStart:
     """A task whose episodes start where the robots were logged; the rest is the task's."""
 
+    motion: LoggedMotion  # of the episode
+
     def __init__(self, task: Task) -> None:
         self._task = task
-        self.motion: LoggedMotion | None = None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._task, name)
 
     def spawn(self, seeds: Seeds, copies: Int, layouts: Float, states: Float) -> None:
-        assert self.motion is not None
         robots = robots_of(states, self._task.spec.n_agents)
         layouts[0] = self.motion.layout
         robots[0, :, X : UY + 1] = self.motion.robots[0]
@@ -361,12 +350,10 @@ class _LoggedStart:
 class _Playback:
     """Implements `Backend` for one copy: positions are those of a motion, not of commands."""
 
-    def __init__(self, plan: Plan) -> None:
+    def __init__(self, plan: Plan, start: _LoggedStart) -> None:
         self._radii: Double = np.array([robot.radius for robot in plan.spec.robots])
         self._half: Double = np.array(plan.spec.half_size)
-        self._layout: Float = np.zeros((len(plan.kinds), 8), np.float32)
-        self._t = 0
-        self.motion: LoggedMotion | None = None
+        self._start, self._t = start, 0
 
     def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
         self._layout, self._t = layouts[0].copy(), 0
@@ -374,14 +361,13 @@ class _Playback:
     def step(
         self, active: Bool, commands: Double, contacts: Contacts, events: Counts, states: Float
     ) -> None:
-        assert self.motion is not None
         if not active[0]:
             return
-        for places in self.motion.places[self._t]:
+        motion = self._start.motion
+        for places in motion.places[self._t]:
             update_contacts(
                 np.ascontiguousarray(places), self._radii, self._layout, self._half,
                 contacts.robots[0], contacts.obstacles[0], contacts.slack[0], events[0],
             )  # fmt: skip
         self._t += 1
-        robots = robots_of(states, len(self._radii))
-        robots[0, :, X : UY + 1] = self.motion.robots[self._t]
+        robots_of(states, len(self._radii))[0, :, X : UY + 1] = motion.robots[self._t]

@@ -11,7 +11,7 @@ ids. `Dataset.replay_buffer` makes a buffer without files; `register_torchrl` is
 """
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -23,19 +23,20 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError, SchemaError, SpecError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interop.conversion.dataset_facts import (
-    NEXT_PREFIX,
-    STATE_ARRAYS,
-    TIME_ARRAYS,
+    NOTED_FACTS,
+    Arrays,
     row_shapes,
     step_blocks,
+    time_keys,
 )
-from swarmdata.interop.conversion.episode_cuts import BlockReader
 from swarmdata.interop.conversion.export_note import (
+    NOTE_FILE,
     ExportNote,
     import_with_note,
-    note_of,
-    parse_note,
+    read_note,
+    write_note,
 )
+from swarmdata.interop.conversion.foreign_data import BlockReader
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths
 from swarmdata.interop.conversion.imported_data import ImportedData
@@ -48,8 +49,6 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.spaces import DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
-
-NOTE_FILE = "swarmdata.json"
 
 Key = tuple[str, ...]
 
@@ -71,6 +70,8 @@ _ARRAY_KEYS: dict[str, Key] = {
     "agent_terminations": ("next", "agents", "terminated"),
     "agent_truncations": ("next", "agents", "truncated"),
 }
+_TIME_KEYS = time_keys(_ARRAY_KEYS, lambda key: ("next", *key))
+
 _WITH_LAST_AXIS = frozenset(
     ("rewards", "terminations", "truncations", "agent_terminations", "agent_truncations")
 )
@@ -84,55 +85,36 @@ _PICKLES = (".pickle", ".pkl", ".pt", ".pth")
 
 KEPT_NAMES = {
     **{name: ".".join(key) for name, key in _ARRAY_KEYS.items()},
-    **dict.fromkeys(("seed", "policy", "end_reason", "split", "spec"), NOTE_FILE),
+    **dict.fromkeys(NOTED_FACTS, NOTE_FILE),
 }
 LOST_REASONS = {"layout": "it only has rows over time"}
-
-
-def _library() -> Any:
-    require_extra("tensordict", "torchrl", "the TorchRL format")
-    import tensordict  # noqa: PLC0415  (an extra)
-
-    return tensordict
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as the folder of a memory-mapped TensorDict."""
     target = _layout(dataset).memmap_like(prefix=str(path))
-    _reserve(path)
+    for file in path.rglob("*.memmap"):  # now: writing to one on a full disk would end the process
+        if size := file.stat().st_size:
+            with file.open("r+b") as opened:
+                os.posix_fallocate(opened.fileno(), 0, size)
     _fill(target, dataset)
-    (path / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
-
-
-def transitions_of(dataset: Dataset) -> Any:
-    """Returns a view as a TensorDict [n] in memory: what `write` writes, without a file.
-
-    Raises:
-        MissingExtraError: tensordict is not installed.
-    """
-    target = _layout(dataset).clone()
-    _fill(target, dataset)
-    return target
+    write_note(dataset, path, frame)
 
 
 def _layout(dataset: Dataset) -> Any:
     """Returns a TensorDict [n] of all keys whose rows are one row of zeros."""
-    tensordict = _library()
+    require_extra("tensordict", "torchrl", "the TorchRL format")
     import torch  # noqa: PLC0415  (an extra, and heavy)
+    from tensordict import TensorDict  # noqa: PLC0415  (an extra)
 
     n, empty = dataset.n_steps, dict[str, Any]()
-    for name, row in _rows(dataset).items():
-        _put(empty, _key(name) or (), torch.from_numpy(row).expand(n, *row.shape[1:]))
+    discrete = _is_discrete(dataset)
+    for name, (shape, dtype) in row_shapes(dataset).items():
+        row = _like_theirs(name, np.zeros((1, *shape), dtype), discrete)
+        _put(empty, _TIME_KEYS[name], torch.from_numpy(row).expand(n, *row.shape[1:]))
     _put(empty, _DONE_KEY, torch.zeros(1, dtype=torch.bool).expand(n, 1))
     _put(empty, _TRAJECTORY_KEY, torch.zeros(1, dtype=torch.int64).expand(n))
-    return tensordict.TensorDict(empty, [n])
-
-
-def _rows(dataset: Dataset) -> dict[str, NDArray[Any]]:
-    """A row of zeros of each array that TorchRL has a key for, in its shape and dtype."""
-    discrete = _is_discrete(dataset)
-    return {name: _like_theirs(name, np.zeros((1, *shape), dtype), discrete)
-            for name, (shape, dtype) in row_shapes(dataset).items() if _key(name)}  # fmt: skip
+    return TensorDict(empty, [n])
 
 
 def _is_discrete(dataset: Dataset) -> bool:
@@ -145,32 +127,16 @@ def _fill(target: Any, dataset: Dataset) -> None:
     """Writes the rows of a view into a TensorDict of its `_layout`."""
     import torch  # noqa: PLC0415  (an extra, and heavy)
 
-    names, discrete = _rows(dataset).keys(), _is_discrete(dataset)
+    discrete = _is_discrete(dataset)
     trajectories = np.repeat(np.arange(len(dataset)), dataset.episodes.lengths)
     for first, arrays in step_blocks(dataset):
         rows = slice(first, first + len(arrays["actions"]))
         for name, values in arrays.items():
-            if name in names:
-                theirs = _like_theirs(name, values, discrete)
-                target[_key(name)][rows] = torch.from_numpy(theirs)
+            theirs = _like_theirs(name, values, discrete)
+            target[_TIME_KEYS[name]][rows] = torch.from_numpy(theirs)
         ended = arrays["terminations"] | arrays["truncations"]
         target[_DONE_KEY][rows] = torch.from_numpy(ended[:, None])
         target[_TRAJECTORY_KEY][rows] = torch.from_numpy(trajectories[rows])
-
-
-def _reserve(folder: Path) -> None:
-    """Allocates every memory map now: writing to one on a full disk would end the process."""
-    for file in folder.rglob("*.memmap"):
-        if size := file.stat().st_size:
-            with file.open("r+b") as opened:
-                os.posix_fallocate(opened.fileno(), 0, size)
-
-
-def _key(name: str) -> Key | None:
-    if not name.startswith(NEXT_PREFIX):
-        return _ARRAY_KEYS.get(name)
-    key = _ARRAY_KEYS.get(name.removeprefix(NEXT_PREFIX))
-    return None if key is None else ("next", *key)
 
 
 def _put(tree: dict[str, Any], key: Key, value: Any) -> None:
@@ -212,28 +178,24 @@ def replay_buffer(
     if isinstance(source, Dataset):
         if not len(source):
             raise SchemaError(f"{source!r} has no episodes to sample from; widen its filter")
-        rows = transitions_of(source)
+        rows = _layout(source).clone()
+        _fill(rows, source)
     else:
         rows = _map(Path(source))
     if keys is not None:
         wanted = [(key,) if isinstance(key, str) else tuple(key) for key in keys]
-        rows = _select(rows, wanted if slice_length is None else [*wanted, _TRAJECTORY_KEY])
+        if lacking := [key for key in wanted if key not in leaf_keys(rows)]:
+            raise SchemaError(
+                f"the transitions have no keys {lacking}; they have {sorted(leaf_keys(rows))}. Ask "
+                "for these."
+            )
+        rows = rows.select(*wanted, *([] if slice_length is None else [_TRAJECTORY_KEY]))
     sampler = data.RandomSampler()
     if slice_length is not None:
         sampler = data.SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)
     # the first kind adds `index`
     kind = data.TensorDictReplayBuffer if keys is None else data.ReplayBuffer
     return kind(storage=data.TensorStorage(rows), sampler=sampler, batch_size=batch_size)
-
-
-def _select(rows: Any, keys: Sequence[Key]) -> Any:
-    """The transitions with these keys alone."""
-    stored = leaf_keys(rows)
-    if lacking := [key for key in keys if key not in stored]:
-        raise SchemaError(
-            f"the transitions have no keys {lacking}; they have {sorted(stored)}. Ask for these."
-        )
-    return rows.select(*keys)
 
 
 @contextmanager
@@ -244,23 +206,24 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
         ConversionError: it is no such folder, lacks keys, or is ambiguous.
     """
     rows = _load(source)
-    note = source / NOTE_FILE
-    if note.is_file():
-        yield _read_exported(rows, source, parse_note(note.read_bytes(), note))
+    if (note := read_note(source)) is not None:
+        yield _read_exported(rows, source, note)
     else:
         yield read_foreign_rows(rows, source, task, choices)
 
 
 def _map(folder: Path) -> Any:
     """Maps a TensorDict; tensordict would run what a pickle beside its tensors says."""
-    tensordict = _library()
+    require_extra("tensordict", "torchrl", "the TorchRL format")
+    from tensordict import TensorDict  # noqa: PLC0415  (an extra)
+
     if pickles := sorted(path for path in folder.rglob("*") if path.suffix in _PICKLES):
         raise ConversionError(
             f"{pickles[0]} is a pickle, which would run as a program when it is read, expected "
             "tensors alone. Save the TensorDict without other objects."
         )
     with reading(folder, "It is damaged, or not a memory-mapped TensorDict."):
-        return tensordict.TensorDict.load_memmap(str(folder))
+        return TensorDict.load_memmap(str(folder))
 
 
 def _load(source: Path) -> Any:
@@ -282,10 +245,9 @@ def _load(source: Path) -> Any:
 
 def _read_exported(rows: Any, source: Path, note: ExportNote) -> ImportedData:
     stored = leaf_keys(rows)
-    ours = (*TIME_ARRAYS, *(NEXT_PREFIX + name for name in STATE_ARRAYS))
-    names = {name: key for name in ours if (key := _key(name)) in stored}
+    names = {name: key for name, key in _TIME_KEYS.items() if key in stored}
 
-    def get(window: slice) -> Mapping[str, NDArray[Any]]:
+    def get(window: slice) -> Arrays:
         return {name: _like_ours(name, rows[key][window].numpy()) for name, key in names.items()}
 
     with reading(source):

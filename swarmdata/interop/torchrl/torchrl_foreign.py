@@ -1,6 +1,6 @@
 """Reads TensorDicts that TorchRL, BenchMARL or others in their style collected."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.episode_cuts import BlockReader, ReadRows, Timeline
-from swarmdata.interop.conversion.foreign_data import import_without_note
+from swarmdata.interop.conversion.dataset_facts import Arrays
+from swarmdata.interop.conversion.foreign_data import (
+    BlockReader,
+    ReadRows,
+    Timeline,
+    import_without_note,
+)
 from swarmdata.interop.conversion.foreign_rows import (
     agent_columns,
     count_choices,
@@ -53,7 +58,11 @@ def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> I
     row_bytes = sum(4 * g.n_agents * (2 * g.n_columns + g.action_size + 1) for g in groups)
     reader = BlockReader(read, len(order), row_bytes, source)
     timeline = Timeline(str(source), terminals, truncations, reader, has_next=True)
-    counts = [_choices(rows, group, source) for group in groups for _ in range(group.n_agents)]
+    counts: list[tuple[int, ...]] = []
+    for group in groups:
+        key = (*group.name, "action")
+        actions = _numpy(rows, key).reshape(len(rows), group.n_agents, -1)
+        counts += [count_choices(actions, f"{source}: {'.'.join(key)}")] * group.n_agents
     shapes = AgentShapes(
         observations=tuple(g.n_columns for g in groups for _ in range(g.n_agents)),
         actions=tuple(g.action_size for g in groups for _ in range(g.n_agents)),
@@ -64,11 +73,6 @@ def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> I
     read_keys |= {key for key in leaf_keys(rows) if key[-1] in ("terminated", "truncated", "done")}
     unread = [".".join(key) for key in leaf_keys(rows) - read_keys]
     return import_without_note(task, shapes, [timeline], choices, unread=unread)
-
-
-def _choices(rows: Any, group: "_Group", source: Path) -> tuple[int, ...]:
-    values = _numpy(rows, (*group.name, "action")).reshape(len(rows), group.n_agents, -1)
-    return count_choices(values, f"{source}: {'.'.join((*group.name, 'action'))}")
 
 
 def _with_rows(rows: Any) -> Any:
@@ -183,7 +187,7 @@ def _reader(
     if not keys >= set(states.values()):
         states = {}
 
-    def read(window: slice) -> Mapping[str, NDArray[Any]]:
+    def read(window: slice) -> Arrays:
         index = order[window]
         joint = {
             ours: pad_agents(

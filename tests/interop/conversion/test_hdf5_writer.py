@@ -2,29 +2,30 @@
 
 import errno
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from swarmdata.interop.conversion.hdf5_writer import HDF5Writer, create_hdf5
+from swarmdata.interop.conversion.hdf5_writer import create_hdf5
 
 
-def fill(writer: HDF5Writer, n_blocks: int = 40) -> None:
-    rows = writer.file.create_dataset(
+def fill(file: h5py.File, check: Callable[[], None], n_blocks: int = 40) -> None:
+    rows = file.create_dataset(
         "deep/rows", (0, 8), "f4", maxshape=(None, 8), chunks=(512, 8), fletcher32=True
     )
     for block in range(n_blocks):
         rows.resize(512 * (block + 1), axis=0)
         rows[512 * block :] = np.float32(block)
-        writer.check()
-    writer.file["text"] = "a note"
+        check()
+    file["text"] = "a note"
 
 
 def test_what_is_written_is_read_by_h5py(tmp_path: Path) -> None:
-    with create_hdf5(tmp_path / "x.hdf5") as writer:
-        fill(writer)
+    with create_hdf5(tmp_path / "x.hdf5") as opened:
+        fill(*opened)
     with h5py.File(tmp_path / "x.hdf5") as file:
         np.testing.assert_array_equal(file["deep/rows"][:, 3], np.repeat(np.arange(40), 512))
         assert file["text"][()] == b"a note"
@@ -44,8 +45,8 @@ def test_a_failed_write_is_raised_wherever_it_happens(
         return pwrite(descriptor, content, position)
 
     monkeypatch.setattr(os, "pwrite", some)
-    with pytest.raises(OSError, match="No space left"), create_hdf5(tmp_path / "x") as writer:
-        fill(writer)
+    with pytest.raises(OSError, match="No space left"), create_hdf5(tmp_path / "x") as opened:
+        fill(*opened)
 
 
 def test_what_fails_at_the_very_end_is_raised_too(
@@ -57,8 +58,8 @@ def test_what_fails_at_the_very_end_is_raised_too(
     monkeypatch.setattr(os, "ftruncate", refuse)
 
     def fill_then_fail() -> None:
-        with create_hdf5(tmp_path / "x") as writer:
-            fill(writer, 1)
+        with create_hdf5(tmp_path / "x") as opened:
+            fill(*opened, 1)
             monkeypatch.setattr(os, "pwrite", refuse)
 
     with pytest.raises(OSError, match="No space left"):

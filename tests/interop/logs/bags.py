@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from swarmdata.interop.bags.bag_messages import RosMessages, _header, _pose, _twist
+
 ROBOTS = ("robot_0", "robot_1", "robot_2", "robot_3")
 START = 1_700_000_000 * 10**9  # ns
 SPEED, TURN = 0.3, 0.4  # m/s, rad/s
@@ -37,98 +39,54 @@ def states(robot: int, seconds: float) -> dict[str, np.ndarray]:
             "y": -SPEED / TURN * np.cos(yaw), "yaw": yaw}  # fmt: skip
 
 
-class Messages:
-    """Messages of one distribution of ROS."""
-
-    def __init__(self, store: Any) -> None:
-        self.store, self._types = store, store.types
-
-    def make(self, name: str, **fields: Any) -> Any:
-        return self._types[name](**fields)
-
-    def header(self, ns: int, frame: str) -> Any:
-        stamp = self.make(
-            "builtin_interfaces/msg/Time", sec=int(ns // 10**9), nanosec=int(ns % 10**9)
-        )
-        fields = {"stamp": stamp, "frame_id": frame}
-        kind = self._types["std_msgs/msg/Header"]
-        if "seq" in kind.__dataclass_fields__:
-            fields["seq"] = 0
-        return kind(**fields)
-
-    def vector(self, x: float = 0.0, z: float = 0.0) -> Any:
-        return self.make("geometry_msgs/msg/Vector3", x=x, y=0.0, z=z)
-
-    def turned(self, yaw: float) -> Any:
-        return self.make(
-            "geometry_msgs/msg/Quaternion", x=0.0, y=0.0, z=np.sin(yaw / 2), w=np.cos(yaw / 2)
-        )
-
-    def twist(self, v: float, omega: float) -> Any:
-        return self.make(
-            "geometry_msgs/msg/Twist", linear=self.vector(x=v), angular=self.vector(z=omega)
-        )
-
-    def odometry(self, ns: int, frame: str, x: float, y: float, yaw: float) -> Any:
-        point = self.make("geometry_msgs/msg/Point", x=x, y=y, z=0.0)
-        pose = self.make("geometry_msgs/msg/Pose", position=point, orientation=self.turned(yaw))
-        nothing = np.zeros(36)
-        return self.make(
-            "nav_msgs/msg/Odometry",
-            header=self.header(ns, frame),
-            child_frame_id="base_link",
-            pose=self.make("geometry_msgs/msg/PoseWithCovariance", pose=pose, covariance=nothing),
-            twist=self.make(
-                "geometry_msgs/msg/TwistWithCovariance",
-                twist=self.twist(0.0, 0.0),
-                covariance=nothing,
-            ),
-        )
-
-    def scan(self, ns: int, ranges: np.ndarray) -> Any:
-        return self.make(
-            "sensor_msgs/msg/LaserScan", header=self.header(ns, "laser"), angle_min=0.0,
-            angle_max=6.0, angle_increment=0.5, time_increment=0.0, scan_time=0.1, range_min=0.1,
-            range_max=3.5, ranges=ranges.astype(np.float32), intensities=np.zeros(0, np.float32),
-        )  # fmt: skip
-
-    def transforms(self, frames: dict[str, tuple[float, float, float]]) -> Any:
-        """Frames in `map` by name: x, y, heading."""
-        made = [
-            self.make(
-                "geometry_msgs/msg/TransformStamped",
-                header=self.header(START, "map"),
-                child_frame_id=name,
-                transform=self.make(
-                    "geometry_msgs/msg/Transform",
-                    translation=self.make("geometry_msgs/msg/Vector3", x=x, y=y, z=0.0),
-                    rotation=self.turned(heading),
-                ),
-            )
-            for name, (x, y, heading) in frames.items()
-        ]
-        return self.make("tf2_msgs/msg/TFMessage", transforms=made)
+def messages_of(store: Any) -> RosMessages:
+    """Builds messages of one distribution of ROS, of which only the first one numbers headers."""
+    messages = RosMessages()
+    messages.store = store
+    return messages
 
 
-def team(messages: Messages, seconds: float) -> list[tuple[str, str, int, Any]]:
+def transforms() -> dict[str, Any]:
+    """A frame of each robot, in `map`."""
+    found = []
+    for k, name in enumerate(ROBOTS):
+        pose = _pose(float(k), 0.5 * k, np.cos(0.1 * k), np.sin(0.1 * k))
+        transform = {"translation": pose["position"], "rotation": pose["orientation"]}
+        frame = {"header": {"seq": 0, **_header(START, "map")}, "child_frame_id": f"{name}/odom"}
+        found.append({**frame, "transform": transform})
+    return {"transforms": found}
+
+
+def team(messages: RosMessages, seconds: float) -> list[tuple[str, str, int, Any]]:
     """Topic, type, time and message of everything that four robots log, in the order of time."""
-    found: list[tuple[str, str, int, Any]] = []
-    frames = {f"{name}/odom": (float(k), 0.5 * k, 0.1 * k) for k, name in enumerate(ROBOTS)}
-    found.append(("/tf_static", "tf2_msgs/msg/TFMessage", START, messages.transforms(frames)))
+    found: list[tuple[str, str, int, Any]] = [
+        ("/tf_static", "tf2_msgs/msg/TFMessage", START, transforms())
+    ]
+    nothing = np.zeros(36)
     for number, name in enumerate(ROBOTS):
         drive = states(number, seconds)
         for k, ns in enumerate((START + drive["ns"]).tolist()):
             x, y, yaw = (float(drive[key][k]) for key in ("x", "y", "yaw"))
-            odometry = messages.odometry(ns, f"{name}/odom", x, y, yaw)
+            odometry = {
+                "header": {"seq": 0, **_header(ns, f"{name}/odom")},
+                "child_frame_id": "base_link",
+                "pose": {"pose": _pose(x, y, np.cos(yaw), np.sin(yaw)), "covariance": nothing},
+                "twist": {"twist": _twist(0.0, 0.0, 0.0), "covariance": nothing},
+            }
             found.append((f"/{name}/odom", "nav_msgs/msg/Odometry", ns + 1000, odometry))
-            speed = SPEED * (1 + 0.2 * np.sin(k / 20))
-            twist = messages.twist(speed, TURN)
+            twist = _twist(SPEED * (1 + 0.2 * np.sin(k / 20)), 0.0, TURN)
             found.append((f"/{name}/cmd_vel", "geometry_msgs/msg/Twist", ns, twist))
             if k % 2 == 0:
-                ranges = np.array([1.0, np.inf, 2.0 + number, 9.0] * 2)
-                scan = messages.scan(ns, ranges)
+                scan = {
+                    "header": {"seq": 0, **_header(ns, "laser")}, "angle_min": 0.0,
+                    "angle_max": 6.0, "angle_increment": 0.5, "time_increment": 0.0,
+                    "scan_time": 0.1, "range_min": 0.1, "range_max": 3.5,
+                    "ranges": np.array([1.0, np.inf, 2.0 + number, 9.0] * 2, np.float32),
+                    "intensities": np.zeros(0, np.float32),
+                }  # fmt: skip
                 found.append((f"/{name}/scan", "sensor_msgs/msg/LaserScan", ns, scan))
-    return sorted(found, key=lambda each: each[2])
+    built = [(topic, kind, ns, messages._built(kind, each)) for topic, kind, ns, each in found]
+    return sorted(built, key=lambda each: each[2])
 
 
 def write_ros2(path: Path, *, storage: str, seconds: float = 60.0) -> Path:
@@ -136,7 +94,7 @@ def write_ros2(path: Path, *, storage: str, seconds: float = 60.0) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    messages = Messages(get_typestore(Stores.ROS2_HUMBLE))
+    messages = messages_of(get_typestore(Stores.ROS2_HUMBLE))
     with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
         _write(writer, messages, seconds, messages.store.serialize_cdr)
     return path
@@ -150,13 +108,13 @@ def write_ros1(path: Path, seconds: float = 60.0) -> Path:
     store = get_typestore(Stores.ROS1_NOETIC)
     definition = "geometry_msgs/TransformStamped[] transforms"
     store.register(get_types_from_msg(definition, "tf2_msgs/msg/TFMessage"))
-    messages = Messages(store)
+    messages = messages_of(store)
     with Writer(path) as writer:
         _write(writer, messages, seconds, messages.store.serialize_ros1)
     return path
 
 
-def _write(writer: Any, messages: Messages, seconds: float, serialize: Any) -> None:
+def _write(writer: Any, messages: RosMessages, seconds: float, serialize: Any) -> None:
     connections = {}
     for topic, kind, ns, message in team(messages, seconds):
         if topic not in connections:
@@ -164,29 +122,37 @@ def _write(writer: Any, messages: Messages, seconds: float, serialize: Any) -> N
         writer.write(connections[topic], ns, serialize(message, kind))
 
 
-def write_json(path: Path, seconds: float = 60.0) -> Path:
-    """An MCAP file of Foxglove's JSON messages: poses, and commands by their parts."""
+def write_messages(path: Path, *messages: tuple[Any, ...], **options: Any) -> Path:
+    """An MCAP file of messages: topic, encoding, content, and time; each second by default."""
     from mcap.writer import Writer
 
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer = Writer(file, **options)
         writer.start("", "test")
-        schema = writer.register_schema("foxglove.PoseInFrame", "jsonschema", b'{"type":"object"}')
-        for number, name in enumerate(ROBOTS):
-            drive = states(number, seconds)
-            poses = writer.register_channel(f"/{name}/pose", "json", schema)
-            commands = writer.register_channel(f"/{name}/command", "json", schema)
-            for k, ns in enumerate((START + drive["ns"]).tolist()):
-                yaw = float(drive["yaw"][k])
-                turn = {"x": 0, "y": 0, "z": np.sin(yaw / 2), "w": np.cos(yaw / 2)}
-                place = {"x": drive["x"][k], "y": drive["y"][k], "z": 0}
-                pose = {
-                    "timestamp": {"sec": ns // 10**9, "nsec": ns % 10**9},
-                    "frame_id": "map",
-                    "pose": {"position": place, "orientation": turn},
-                }
-                writer.add_message(poses, ns, json.dumps(pose).encode(), ns)
-                command = {"drive": {"speed": SPEED}, "turn": TURN}
-                writer.add_message(commands, ns, json.dumps(command).encode(), ns)
+        schema = writer.register_schema("any", "jsonschema", b"{}")
+        channels: dict[tuple[str, str], int] = {}
+        for k, (topic, encoding, content, *times) in enumerate(messages, 1):
+            if (topic, encoding) not in channels:
+                channels[topic, encoding] = writer.register_channel(topic, encoding, schema)
+            (time,) = times or [10**9 * k]
+            writer.add_message(channels[topic, encoding], time, content, time)
         writer.finish()
     return path
+
+
+def write_json(path: Path, seconds: float = 60.0) -> Path:
+    """An MCAP file of Foxglove's JSON messages: poses, and commands by their parts."""
+    messages = []
+    command = json.dumps({"drive": {"speed": SPEED}, "turn": TURN}).encode()
+    for number, name in enumerate(ROBOTS):
+        drive = states(number, seconds)
+        for k, ns in enumerate((START + drive["ns"]).tolist()):
+            x, y, yaw = (float(drive[key][k]) for key in ("x", "y", "yaw"))
+            pose = {
+                "timestamp": {"sec": ns // 10**9, "nsec": ns % 10**9},
+                "frame_id": "map",
+                "pose": _pose(x, y, np.cos(yaw), np.sin(yaw)),
+            }
+            messages.append((f"/{name}/pose", "json", json.dumps(pose).encode(), ns))
+            messages.append((f"/{name}/command", "json", command, ns))
+    return write_messages(path, *messages)

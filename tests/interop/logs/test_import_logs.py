@@ -83,18 +83,15 @@ def test_the_same_logs_give_it_again(tmp_path: Path) -> None:
 
 
 def test_one_file_for_all(tmp_path: Path) -> None:
-    columns = [
-        {**drive(60.0, phase), "id": np.full(1200, number)} for number, phase in ((7, 0), (8, 1))
-    ]
+    columns = [{**drive(60.0, float(k)), "id": np.full(1200, k)} for k in (0, 1)]
     joined = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
     separate = make(tmp_path, write_team(tmp_path))
-    together = make(
-        tmp_path,
-        write_csv(tmp_path / "all.csv", joined),
-        each={key: value for key, value in MAP["each"].items() if key != "log"},
-        robots=[{"name": "anna", "rows": {"id": 7}}, {"name": "bert", "rows": {"id": 8}}],
-    )
-    assert together.digest == separate.digest
+    log = write_csv(tmp_path / "all.csv", joined)
+    shared = {key: value for key, value in MAP["each"].items() if key != "log"}
+    robots = [{"name": "anna", "rows": {"id": 0}}, {"name": "bert", "rows": {"id": 1}}]
+    assert make(tmp_path, log, each=shared, robots=robots).digest == separate.digest
+    named = make(tmp_path, log, each={**shared, "rows": {"id": "{robot}"}}, robots=["0", "1"])
+    assert named.spec.agent_names == ("0", "1")
 
 
 def test_parquet_is_read_like_text(tmp_path: Path) -> None:
@@ -110,13 +107,12 @@ def test_parquet_is_read_like_text(tmp_path: Path) -> None:
     assert make(tmp_path, logs, each=each(log="{robot}.parquet")).digest == text.digest
 
 
-def test_a_gap_makes_a_robot_absent(tmp_path: Path) -> None:
+def test_a_gap_makes_a_robot_absent_or_cuts(tmp_path: Path) -> None:
     logs = write_team(tmp_path)
     write_csv(logs[1], without(drive(60.0, 1.0), 10.0, 11.0))
     dataset = make(tmp_path, logs, episodes={})
     assert_audited(dataset)
-    assert dataset.recipe.metadata is not None
-    assert "absent_robot_steps" in dataset.recipe.metadata
+    assert "absent_robot_steps" in (dataset.recipe.metadata or {})
     (episode,) = list(dataset)
     assert episode.alive is not None
     gone = np.flatnonzero(~episode.alive[:-1, 1])
@@ -128,20 +124,12 @@ def test_a_gap_makes_a_robot_absent(tmp_path: Path) -> None:
     assert episode.observations[gone[0], 1].any()  # the state in which it stopped acting
     assert not episode.actions[gone, 1].any()
     assert episode.agent_truncations is not None
-    assert np.flatnonzero(episode.agent_truncations[:, 1]).tolist() == [
-        gone[0] - 1,
-        len(episode) - 1,
-    ]
-
-
-def test_gaps_can_cut_instead(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
-    write_csv(logs[1], without(drive(60.0, 1.0), 10.0, 11.0))
-    dataset = make(tmp_path, logs, gaps="cut", episodes={}, robots=["anna", "bert"])
-    assert len(dataset) == 2
-    assert_audited(dataset)
-    assert dataset[0].alive is None
-    assert [len(episode) for episode in dataset] == [99, 488]
+    ends = np.flatnonzero(episode.agent_truncations[:, 1])
+    assert ends.tolist() == [gone[0] - 1, len(episode) - 1]
+    cut = make(tmp_path, logs, gaps="cut", episodes={})
+    assert_audited(cut)
+    assert cut[0].alive is None
+    assert [len(episode) for episode in cut] == [99, 488]
 
 
 def test_clock_offsets_shift_a_robot(tmp_path: Path) -> None:
@@ -343,19 +331,6 @@ def test_the_command_line_names_gaps_and_an_empty_split(tmp_path: Path) -> None:
     assert "the validation split is empty: none of 5 episodes fell into it" in output
 
 
-def test_one_table_of_several_robots(tmp_path: Path) -> None:
-    drives = [{"id": np.full(200, k), **drive(10.0, float(k))} for k in (1, 2)]
-    table = {name: np.concatenate([each[name] for each in drives]) for name in drives[0]}
-    log = write_csv(tmp_path / "arena.csv", table)
-    shared = {key: value for key, value in MAP["each"].items() if key != "log"}
-    named = make(tmp_path, log, each={**shared, "rows": {"id": "{robot}"}}, robots=["1", "2"])
-    assert named.spec.agent_names == ("1", "2")
-    robots = [{"name": name, "rows": {"id": k}} for k, name in ((1, "anna"), (2, "bert"))]
-    assert make(tmp_path, log, each=shared, robots=robots).spec.agent_names == ("anna", "bert")
-    with pytest.raises(SpecError, match=r"robots: got 1, expected a name, in quotes"):
-        log_map(robots=[1, 2])
-
-
 def test_bags_need_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "monday.bag").write_bytes(b"")
     monkeypatch.setattr("swarmdata.runtime.extras.find_spec", lambda package: None)
@@ -374,14 +349,19 @@ def test_rewards_of_one_time_are_added_up(tmp_path: Path) -> None:
     assert "repeated_rows" in dataset.recipe.metadata
 
 
-def test_malformed_maps() -> None:
-    with pytest.raises(SpecError, match="several robots are named anna"):
-        log_map(robots=["anna", "anna"])
-    with pytest.raises(SpecError, match="low is 2, expected less than high"):
-        log_map(each=each(command={"components": [{"column": "v", "low": 2, "high": 1}]}))
-    with pytest.raises(SpecError, match=r"goal_change needs the goal"):
-        log_map(episodes={"goal_change": 1})
-    with pytest.raises(SpecError, match="low and high: give both, or neither"):
-        log_map(each=each(command={"components": [{"column": "v", "low": 2}]}))
-    with pytest.raises(SpecError, match="differences need bounds"):
-        log_map(each=each(command={"components": [{"column": "v"}], "differences": True}))
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"robots": ["anna", "anna"]}, "several robots are named anna"),
+        ({"robots": [1, 2]}, "robots: got 1, expected a name, in quotes"),
+        ({"episodes": {"goal_change": 1}}, "goal_change needs the goal"),
+        *(({"each": each(command=command)}, message) for command, message in [
+            ({"components": [{"column": "v", "low": 2, "high": 1}]}, "low is 2, expected less"),
+            ({"components": [{"column": "v", "low": 2}]}, "low and high: give both, or neither"),
+            ({"components": [{"column": "v"}], "differences": True}, "differences need bounds"),
+        ]),
+    ],
+)  # fmt: skip
+def test_malformed_maps(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        log_map(**changes)

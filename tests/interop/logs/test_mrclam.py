@@ -80,7 +80,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.mark.slow
-def test_five_robots_with_commands(dataset: Dataset) -> None:
+def test_five_robots_with_commands_their_clocks_and_bounds(dataset: Dataset) -> None:
     assert audit(dataset.path, progress=False).problems == ()
     assert dataset.spec.agent_names == tuple(f"Robot{k}" for k in range(1, 6))
     lengths = [len(episode) for episode in dataset]
@@ -89,19 +89,11 @@ def test_five_robots_with_commands(dataset: Dataset) -> None:
     _, commands, _ = drive(3)
     same = np.isclose(dataset[0].actions[:, 2], commands[20:220], atol=1e-3).all(axis=1)
     assert same.mean() > 0.8  # the others change within a step of the grid
-
-
-@pytest.mark.slow
-def test_the_clocks_of_commands_are_found(dataset: Dataset) -> None:
     assert isinstance(dataset.recipe, ImportedLogs)
     assert [clock.robot for clock in dataset.recipe.clocks] == list(dataset.spec.agent_names)
     for clock in dataset.recipe.clocks:
         assert abs(clock.offset - LAG) < 0.02
         assert clock.explained > 0.7
-
-
-@pytest.mark.slow
-def test_the_bounds_of_commands_are_those_of_the_logs(dataset: Dataset) -> None:
     for space in dataset.spec.action_spaces:
         lows, highs = bounds(space)
         assert_allclose(lows, [0.0, -0.561], atol=0.05)

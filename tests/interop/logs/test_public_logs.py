@@ -75,7 +75,9 @@ def recipe(
     return recipe
 
 
-def test_logs_are_fetched_once_and_found_by_their_id(host: StaticHost, digest: str) -> None:
+def test_logs_are_fetched_once_and_found_by_their_id(
+    host: StaticHost, digest: str, tmp_path: Path
+) -> None:
     made = fetch_logs(NAME, accept_terms=True)
     assert made.digest == digest
     assert len([line for line in host.log if "Train.csv" in line]) == 1
@@ -84,27 +86,14 @@ def test_logs_are_fetched_once_and_found_by_their_id(host: StaticHost, digest: s
     assert (found.digest, found.path) == (digest, made.path)
     assert isinstance(found.recipe, ImportedLogs)
     assert found.recipe.license == "none stated"
-    assert len(host.log) == 1
-
-
-def test_files_that_are_there_are_not_fetched_again(host: StaticHost, tmp_path: Path) -> None:
-    fetch_logs(NAME, tmp_path / "one", accept_terms=True)
-    fetch_logs(NAME, tmp_path / "two", accept_terms=True)
-    assert len(host.log) == 1
+    assert fetch_logs(NAME, tmp_path / "two", accept_terms=True).digest == digest
+    assert len(host.log) == 1, "files in the cache are not fetched again"
 
 
 def test_terms_come_first(host: StaticHost, folder: Path) -> None:
     for source in (None, folder):
         with pytest.raises(SpecError, match=r"(?s)licence: none stated.*Nobody.*accept_terms=True"):
             fetch_logs(NAME, source=source)
-    assert not host.log
-
-
-def test_the_download_of_a_user(
-    host: StaticHost, folder: Path, tmp_path: Path, digest: str
-) -> None:
-    made = fetch_logs(NAME, tmp_path / "data", accept_terms=True, source=folder)
-    assert made.digest == digest
     assert not host.log
 
 
@@ -145,13 +134,14 @@ def test_files_that_were_removed(tmp_path: Path, recipe: dict[str, Any]) -> None
         fetch_logs(NAME, tmp_path / "data", accept_terms=True)
 
 
-def test_no_network_is_used_offline(
-    host: StaticHost, tmp_path: Path, folder: Path, monkeypatch: pytest.MonkeyPatch
+def test_the_download_of_a_user_needs_no_network(
+    host: StaticHost, tmp_path: Path, folder: Path, digest: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("SWARMDATA_OFFLINE", "1")
     with pytest.raises(HubError, match="SWARMDATA_OFFLINE is set"):
         fetch_logs(NAME, tmp_path / "data", accept_terms=True)
-    fetch_logs(NAME, tmp_path / "data", accept_terms=True, source=folder)
+    made = fetch_logs(NAME, tmp_path / "data", accept_terms=True, source=folder)
+    assert made.digest == digest
     assert not host.log
 
 
@@ -185,14 +175,8 @@ def test_the_command(folder: Path, tmp_path: Path, digest: str) -> None:
     assert CliRunner().invoke(app, line).exit_code != 0
     assert not (tmp_path / "data").exists()
     made = run(*line, "--accept-terms")
-    for text in (
-        "https://example.org/robots",
-        "none stated",
-        "Nobody, 2020",
-        digest,
-        "12 episodes",
-    ):
-        assert text in made
+    wanted = ("https://example.org/robots", "none stated", "Nobody, 2020", digest, "12 episodes")
+    assert all(text in made for text in wanted)
     with pytest.raises(UnknownNameError, match="alike"):
         fetch_logs("alik")
 

@@ -269,20 +269,17 @@ def test_what_cannot_be_known_is_refused(
         make(tmp_path, [path], task(), **changes)
 
 
-def test_other_tasks_and_ids_are_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("task", "id", "words"),
+    [
+        ("formation", "formation-a-v0", "its states hold more than robots and targets"),
+        ("coop_nav", "hall-a-v0", "has to begin with coop_nav-"),
+    ],
+)
+def test_other_tasks_and_ids_are_refused(tmp_path: Path, task: str, id: str, words: str) -> None:
     path = write_csv(tmp_path / "r0.csv", {"t": [0.0]})
-    with pytest.raises(SpecError, match="its states hold more than robots and targets"):
-        import_logs(
-            path,
-            tmp_path / "x",
-            log_map=LogMap.parse(map_of()),
-            id="formation-a-v0",
-            task="formation",
-        )
-    with pytest.raises(SpecError, match="has to begin with coop_nav-"):
-        import_logs(
-            path, tmp_path / "x", log_map=LogMap.parse(map_of()), id="hall-a-v0", task="coop_nav"
-        )
+    with pytest.raises(SpecError, match=words):
+        import_logs(path, tmp_path / "x", log_map=LogMap.parse(map_of()), id=id, task=task)
 
 
 def test_logs_that_do_not_fit_are_refused(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from swarmdata.errors import ConversionError, SchemaError
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.types import END_REASONS
+from tests.interop.foreign import check_timeline, timeline
 
 pytest.importorskip("torchrl", reason="the extra 'torchrl'")
 torch = pytest.importorskip("torch", reason="the extra 'torch'")
@@ -102,25 +102,24 @@ def test_datasets_are_a_source_of_load_dataset(ours: Dataset) -> None:
 
 
 def their_rows(lengths: list[int], cut: list[bool], n_agents: int = 2) -> Any:
-    """As a collector of two groups gives them; observation and reward name episode and time."""
+    """A `timeline` as a collector of two groups gives it."""
     from tensordict import TensorDict
 
-    episode = torch.repeat_interleave(torch.arange(len(lengths)), torch.tensor(lengths))
-    time = torch.cat([torch.arange(n) for n in lengths])
-    last = torch.cat([torch.arange(n) == n - 1 for n in lengths])
-    is_cut = torch.repeat_interleave(torch.tensor(cut), torch.tensor(lengths))
-    n = len(time)
+    arrays = {name: torch.from_numpy(each) for name, each in timeline(lengths, cut).items()}
+    episode, time = arrays["observations"].T.long()
 
-    def seen(t: Any, columns: int) -> Any:
-        rows = torch.stack([episode, t, *[t] * (columns - 2)], 1).float()
+    def of_agents(rows: Any) -> Any:
         return rows[:, None].repeat(1, n_agents, 1)
 
+    def seen(name: str, columns: int) -> Any:
+        return of_agents(torch.nn.functional.pad(arrays[name], (0, columns - 2)))
+
     def group(columns: int) -> dict[str, Any]:
-        return {"observation": seen(time, columns), "action": time[:, None].repeat(1, n_agents) % 3}
+        return {"observation": seen("observations", columns), "action": of_agents(time[:, None])}
 
     def after(columns: int) -> dict[str, Any]:
-        reward = (100 * episode + time).float()[:, None, None].repeat(1, n_agents, 1)
-        return {"observation": seen(time + 1, columns), "reward": reward}
+        reward = of_agents(arrays["rewards"][:, None])
+        return {"observation": seen("next_observations", columns), "reward": reward}
 
     return TensorDict(
         {
@@ -129,24 +128,13 @@ def their_rows(lengths: list[int], cut: list[bool], n_agents: int = 2) -> Any:
             "next": {
                 "adversary": after(2),
                 "agent": after(3),
-                "terminated": (last & ~is_cut)[:, None],
-                "truncated": (last & is_cut)[:, None],
+                "terminated": arrays["terminals"][:, None],
+                "truncated": arrays["timeouts"][:, None],
             },
             "collector": {"traj_ids": episode},
         },
-        [n],
+        [len(time)],
     )
-
-
-def check_theirs(dataset: Dataset, lengths: list[int], cut: list[bool]) -> None:
-    assert dataset.episodes.lengths.tolist() == lengths
-    for number, episode in enumerate(dataset):
-        t = np.arange(len(episode))
-        assert (episode.observations[:, :, 0] == number).all()
-        np.testing.assert_array_equal(episode.observations[:, 3, 1], np.arange(len(t) + 1))
-        np.testing.assert_array_equal(episode.actions[:, 2, 0], t % 3)
-        np.testing.assert_array_equal(episode.rewards[:, 0], 100 * number + t)
-        assert END_REASONS[episode.end_reason] == ("horizon" if cut[number] else "ended")
 
 
 def test_theirs_with_groups(tmp_path: Path) -> None:
@@ -155,7 +143,7 @@ def test_theirs_with_groups(tmp_path: Path) -> None:
     dataset = import_dataset(tmp_path / "x", tmp_path / "out", format="torchrl", id="tag-theirs-v0")
     assert dataset.spec.n_agents == 4
     assert dataset[0].observations.shape == (4, 4, 3)
-    check_theirs(dataset, lengths, cut)
+    check_timeline(dataset, lengths, cut)
 
 
 def test_a_dumped_buffer_of_interleaved_trajectories(tmp_path: Path) -> None:
@@ -175,7 +163,7 @@ def test_a_dumped_buffer_of_interleaved_trajectories(tmp_path: Path) -> None:
     dataset = import_dataset(
         tmp_path / "dumped", tmp_path / "out", format="torchrl", id="tag-theirs-v0"
     )
-    check_theirs(dataset, lengths, cut)
+    check_timeline(dataset, lengths, cut)
 
 
 def test_open_trajectories_are_asked_about(tmp_path: Path) -> None:
@@ -192,7 +180,7 @@ def test_open_trajectories_are_asked_about(tmp_path: Path) -> None:
 
     with pytest.raises(ConversionError, match="1 trajectories without an end, such as number 0"):
         take_in("no")
-    check_theirs(take_in("kept", unfinished="truncate"), lengths, [True, *cut[1:]])
+    check_timeline(take_in("kept", unfinished="truncate"), lengths, [True, *cut[1:]])
     assert len(take_in("dropped", unfinished="drop")) == 27
 
 
