@@ -165,11 +165,7 @@ def _check_number(policies: Sequence[object]) -> None:
 
 
 def read_policy(file: Path, spec: TaskSpec) -> Policy:
-    """Reads a policy of an entry.
-
-    Raises:
-        SwarmdataError: the file holds none.
-    """
+    """Reads a policy of an entry."""
     return OnnxPolicy(file, spec) if file.suffix == ONNX_SUFFIX else load_policy(file)
 
 

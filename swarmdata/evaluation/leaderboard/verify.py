@@ -35,11 +35,8 @@ from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.extras import require_extra
 from swarmdata.types import Double, Seeds
 
-SECONDS = 600
-"""Most time of a verification."""
-
-GIGABYTES = 16
-"""Most memory, addresses that are not used included."""
+SECONDS = 600  # most time of a verification
+GIGABYTES = 16  # most memory, addresses that are not used included
 
 LEAST_EQUAL = 0.95
 """Of the episodes: rounding differs between processors, and contacts amplify it."""
@@ -55,19 +52,12 @@ ONNX_MARGIN = 2.0
 
 
 class Verdict(NamedTuple):
-    """What a verification found.
+    """What a verification found."""
 
-    Attributes:
-        reasons: why the entry is rejected; empty: it is verified.
-        equal: share of the reserved episodes that ended with the return that the entry says.
-        reserved: mean team return on the reserved episodes, as evaluated again.
-        fresh: the same on fresh episodes.
-    """
-
-    reasons: tuple[str, ...]
-    equal: float = 0.0
-    reserved: float = float("nan")
-    fresh: float = float("nan")
+    reasons: tuple[str, ...]  # why the entry is rejected; empty: it is verified
+    equal: float = 0.0  # share of the reserved episodes that ended with the return that it says
+    reserved: float = float("nan")  # mean team return on the reserved episodes, evaluated again
+    fresh: float = float("nan")  # the same on fresh episodes
 
     @property
     def is_verified(self) -> bool:
@@ -153,11 +143,7 @@ def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
 
 
 def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Result]:
-    """Returns the results of the policies, in their order.
-
-    Raises:
-        SchemaError: a policy has none, or it is of other seeds or another task.
-    """
+    """The results of the policies, in their order; all must be there, of these episodes."""
     found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
     by_content = {each.provenance.content: each for each in found}
     spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)
@@ -175,8 +161,7 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
 
 def _differing(reserved: Double, repeated: Double) -> Iterator[str]:
     """What is wrong with returns of episodes that were repeated, [K, <= E]."""
-    share = float((reserved[:, : repeated.shape[1]] != repeated).mean())
-    if share:
+    if share := float((reserved[:, : repeated.shape[1]] != repeated).mean()):
         yield (
             f"{share:.1%} of the episodes that its policies repeated ended with another return: "
             "they act at random, expected the same actions each time"

@@ -65,16 +65,13 @@ RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Settings of the fitted Q evaluation that the record has."""
 
 
-Unit = Literal["score", "return"]
-
-
 @dataclass(frozen=True, slots=True)
 class Scores:
     """Means over the same episodes."""
 
     values: Sequence[float | None]  # one per policy; None: not measured
     n_episodes: int
-    unit: Unit  # the normalized score, or the return where the task has no references
+    unit: Literal["score", "return"]  # the return where the task has no references
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +133,13 @@ def rank(
     with ThreadLimit():
         found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
         values, held_out = _values(found, parts, config, device, progress=progress)
-    scores = _scores(found, dataset, n_episodes, results, progress=progress)
+    scores = None
+    if n_episodes is not None:
+        policies = [policy for each in found for policy in each.policies]
+        scores = simulate(policies, dataset, n_episodes, progress=progress)
+    elif results is not None:
+        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
+        scores = read_scores(keys, dataset, results)
     rows = _rows(found, values, held_out, None if scores is None else scores.values)
     return Ranking(
         code_version=__version__,
@@ -225,24 +228,6 @@ def _values(
     return fitted_q_evaluation(train, held_out, scale, config, progress=progress), held_out
 
 
-def _scores(
-    found: Sequence[Candidates],
-    dataset: Dataset,
-    n_episodes: int | None,
-    results: Path | None,
-    *,
-    progress: bool,
-) -> Scores | None:
-    """Scores from the simulator or from files, if any were asked for."""
-    if n_episodes is not None:
-        policies = [policy for each in found for policy in each.policies]
-        return simulate(policies, dataset, n_episodes, progress=progress)
-    if results is not None:
-        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
-        return read_scores(keys, dataset, results)
-    return None
-
-
 def _rows(
     found: Sequence[Candidates],
     values: Values,
@@ -313,26 +298,18 @@ def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality
         if len(known) < 2:
             continue
         estimates, scores = np.array(known, dtype=np.float64).T
-        made = ranking_quality(estimates, scores)
-        value, low, high = made.spearman
-        qualities[criterion] = CriterionQuality(
-            n_policies=made.n_policies, spearman=(value, low, high), regret=made.regret
-        )
+        qualities[criterion] = CriterionQuality(**ranking_quality(estimates, scores)._asdict())
     return qualities
 
 
 def simulate(
-    policies: Sequence[Policy], dataset: Dataset, n_episodes: int, *, progress: bool = True
+    policies: Sequence[Policy], dataset: Dataset, n_episodes: int, *, progress: bool
 ) -> Scores:
-    """Evaluates policies in the dataset's task on the first reserved seeds.
-
-    Raises:
-        SpecError: the dataset was recorded in another environment.
-    """
-    names = [f"policy {index} of {len(policies)}" for index in range(1, len(policies) + 1)]
+    """Evaluates policies in the dataset's task on the first reserved seeds."""
+    options: dict[str, Any] = {"n_episodes": n_episodes, "progress": progress}
     results = [
-        evaluate(policy, dataset.task, name=name, n_episodes=n_episodes, progress=progress)
-        for name, policy in zip(names, policies, strict=True)
+        evaluate(policy, dataset.task, name=f"policy {k} of {len(policies)}", **options)
+        for k, policy in enumerate(policies, 1)
     ]
     return _as_scores(results, dataset)
 
@@ -365,11 +342,8 @@ def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder
 def _as_scores(results: Sequence[EvalResult | None], dataset: Dataset) -> Scores:
     measured = [result for result in results if result is not None]
     check_comparable(measured)
-    values = [None if each is None else _mean_score(each, dataset) for each in results]
-    unit: Unit = "return" if dataset.references is None else "score"
-    return Scores(values, len(measured[0].seeds), unit)
-
-
-def _mean_score(result: EvalResult, dataset: Dataset) -> float:
-    mean = float(result.metrics["return"].mean())
-    return mean if dataset.references is None else float(dataset.normalized_score(mean))
+    values = [None if each is None else float(each.metrics["return"].mean()) for each in results]
+    if dataset.references is None:
+        return Scores(values, len(measured[0].seeds), "return")
+    scores = [None if mean is None else float(dataset.normalized_score(mean)) for mean in values]
+    return Scores(scores, len(measured[0].seeds), "score")

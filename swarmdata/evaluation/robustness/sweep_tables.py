@@ -69,11 +69,7 @@ class Degradation:
         return "as trained" if self.as_trained else "not varied"
 
     def column(self, key: str) -> int:
-        """Returns the index of a column.
-
-        Raises:
-            UnknownNameError: no column has that key.
-        """
+        """Returns the index of a column; raises UnknownNameError if there is none."""
         known = {column.key: index for index, column in enumerate(self.columns)}
         if key not in known:
             raise UnknownNameError("column", key, known)
@@ -136,13 +132,9 @@ def change_of(
 ) -> Estimate:
     """Returns the difference of scores, or of returns without a scale, with its 95 % interval.
 
-    Differences are paired by training seed and episode. Variation between seeds and episodes
-    cancels, so the interval is narrower than those of the two scores.
-
-    Args:
-        runs: one result per policy.
-        before: results of the same policies on the same seeds.
-        scale: of the score.
+    Differences are paired by training seed and episode: both have one result per policy, on the
+    same seeds. Variation between seeds and episodes cancels, so the interval is narrower than those
+    of the two scores.
     """
     sides = (
         np.stack([each.evaluation.metrics["return"] for each in side]) for side in (runs, before)

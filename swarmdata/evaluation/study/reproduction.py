@@ -1,7 +1,6 @@
 """Runs a finished cell again from its record, in a temporary folder, and compares every number."""
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +18,6 @@ from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.learn.training.run_files import LOSSES, read_table
 from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double
-
-Rows = list[dict[str, float]]
 
 
 class Comparison(Frozen):
@@ -53,12 +50,8 @@ class Comparison(Frozen):
         )
 
 
-def reproduce_cell(folder: Path, *, progress: bool = True) -> Comparison:
+def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
     """Runs a finished cell again in a temporary folder, from its recorded configuration.
-
-    Args:
-        folder: of the cell.
-        progress: whether to show a progress bar.
 
     Raises:
         StudyError: the cell is not finished, or fails this time.
@@ -102,6 +95,5 @@ def _first_difference(one: Path, other: Path) -> int | None:
     """The first update whose losses differ."""
     if not one.exists():
         return None
-    read: Callable[[Path], Rows] = read_table
-    pairs = zip(read(one), read(other), strict=True)
+    pairs = zip(read_table(one), read_table(other), strict=True)
     return next((int(a["update"]) for a, b in pairs if a != b), None)

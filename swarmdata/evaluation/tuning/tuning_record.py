@@ -224,7 +224,7 @@ class Tuning(Frozen):
         curves = {RULES[rule]: Curve(progress, self.curve(rule)[None]) for rule in self.rules}
         plot_curves(
             curves, path, ylabel=f"expected {self.unit}", xlabel="trials",
-            references={"default": float(self.scores[0])} if self.trials[0].scores else None,
+            references={"default": float(self.scores[0])} if self.trials[0].scores else {},
         )  # fmt: skip
 
 

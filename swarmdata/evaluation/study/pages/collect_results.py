@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,7 @@ from swarmdata.evaluation.study.cells.cells import (
     is_done,
 )
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
 
@@ -66,6 +68,21 @@ class Findings:
         }
 
     @property
+    def dataset_ids(self) -> dict[str, str]:
+        """Short name of each dataset with finished offline cells -> its id."""
+        cells = (cell for cell in self.cells if cell.kind == "offline")
+        return {cell.data: self.facts[cell.name].id for cell in cells}
+
+    @cached_property
+    def main(self) -> Scoreboard:
+        """The scoreboard of the score; of the return, if a world has no measured references."""
+        return self.board(quantity_of(self.results).column.key)
+
+    def board(self, key: str) -> Scoreboard:
+        """The scoreboard of a quantity of the offline rows."""
+        return make_scoreboard(self.results, self.families, key)
+
+    @property
     def looks(self) -> dict[str, dict[str, str]]:
         """The color and marker of each offline row, in all figures of the study."""
         return family_looks(self.families)
@@ -74,11 +91,6 @@ class Findings:
         """A column of a cell's losses or learning curve; None if it was not recorded.
 
         Its progress is in gradient updates; that of an online cell in joint steps.
-
-        Args:
-            cell: of the study.
-            column: of the file.
-            file: `losses.csv` or `curve.csv` of the run.
         """
         path = cell_run_folder(cell, cell_folder(self.work, cell)) / file
         rows = [row for row in read_table(path) if column in row] if path.exists() else []
@@ -132,14 +144,14 @@ def collect_findings(
         missing={**missing, **excluded},
         results=results,
         sizes=_read_results(sized, work, facts) if sized else None,
-        views=_beside_online(_read_results(viewed, work, facts)) if viewed else None,
+        views=_with_baselines(_read_results(viewed, work, facts)) if viewed else None,
         facts=facts,
         costs={cell.name: Cost.from_file(cell_folder(work, cell) / COST_FILE) for cell in done},
         work=work,
     )
 
 
-def _beside_online(results: ResultSet) -> ResultSet:
+def _with_baselines(results: ResultSet) -> ResultSet:
     return replace(results, cases=tuple(map(results.with_baselines, results.cases)))
 
 

@@ -21,7 +21,6 @@ from swarmdata.evaluation.study.cells.cells import (
 )
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan, View
 from swarmdata.evaluation.study.shifts.sweep_sections import SWEEPS_FOLDER
 from swarmdata.numerics.random import SeedBlock
@@ -62,42 +61,28 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
 
     A sweep whose dataset has no results yet is left out.
     """
-    board = make_scoreboard(found.results, found.families, quantity_of(found.results).column.key)
-    planned = []
-    for label, plan in found.study.sweeps.items():
-        n_episodes = found.study.shifted_episodes(plan.episodes)
-        ids = {
-            found.facts[cell.name].id
-            for cell in found.cells
-            if cell.kind == "offline" and cell.data == short_name(plan.dataset)
-        }
-        for dataset in ids & board.estimates.keys():
-            best = board.best_by_family(dataset)
+    study, planned = found.study, []
+    for label, plan in study.sweeps.items():
+        dataset = found.dataset_ids.get(short_name(plan.dataset), "")
+        if dataset in found.main.estimates:
+            best = found.main.best_by_family(dataset)
+            view = View(observation=plan.observation, communication=plan.communication)
             cells = tuple(
-                offline_cell(
-                    found.study,
-                    best[family],
-                    plan.dataset,
-                    digest_of,
-                    view=View(observation=plan.observation, communication=plan.communication),
-                )
-                for family in plan.families or found.study.families
+                offline_cell(study, best[family], plan.dataset, digest_of, view=view)
+                for family in plan.families or study.families
                 if family in best
             )
-            planned.append(PlannedSweep(label, plan, cells, n_episodes, found.study.block))
+            n_episodes = study.shifted_episodes(plan.episodes)
+            planned.append(PlannedSweep(label, plan, cells, n_episodes, study.block))
     return planned
 
 
 def run_sweeps(
     planned: Sequence[PlannedSweep], work: Path, out: Path, **options: Unpack[JobOptions]
 ) -> None:
-    """Runs the sweeps and puts their tables beside the page.
+    """Runs sweeps whose cells are done, and puts their tables into the folder of the page.
 
-    Args:
-        planned: sweeps whose cells are done.
-        work: folder of the cells; an interrupted sweep resumes there.
-        out: folder of the page.
-        options: where policies are evaluated.
+    An interrupted sweep resumes in the folder of cells.
     """
     for each in planned:
         plan = each.plan
