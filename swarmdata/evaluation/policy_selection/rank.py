@@ -133,13 +133,7 @@ def rank(
     with ThreadLimit():
         found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
         values, held_out = _values(found, parts, config, device, progress=progress)
-    scores = None
-    if n_episodes is not None:
-        policies = [policy for each in found for policy in each.policies]
-        scores = simulate(policies, dataset, n_episodes, progress=progress)
-    elif results is not None:
-        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
-        scores = read_scores(keys, dataset, results)
+    scores = _scores(found, dataset, n_episodes, results, progress=progress)
     rows = _rows(found, values, held_out, None if scores is None else scores.values)
     return Ranking(
         code_version=__version__,
@@ -302,44 +296,27 @@ def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality
     return qualities
 
 
-def simulate(
-    policies: Sequence[Policy], dataset: Dataset, n_episodes: int, *, progress: bool
-) -> Scores:
-    """Evaluates policies in the dataset's task on the first reserved seeds."""
-    options: dict[str, Any] = {"n_episodes": n_episodes, "progress": progress}
-    results = [
-        evaluate(policy, dataset.task, name=f"policy {k} of {len(policies)}", **options)
-        for k, policy in enumerate(policies, 1)
-    ]
-    return _as_scores(results, dataset)
-
-
-def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder: Path) -> Scores:
-    """Reads results of `evaluate --out` in the dataset's world and models.
-
-    Args:
-        keys: `run_hash` of each policy's run and its training seed; None instead of the hash for a
-            policy without results.
-        dataset: of their training.
-        folder: with the result files.
-
-    Raises:
-        SchemaError: there are no results of these policies, or they have different episodes.
-    """
-    paths = sorted(folder.glob("*.json"))
-    results = [result for result in map(load_result, paths) if result.spec == dataset.spec]
-    known = {(r.provenance.content, r.provenance.seed): r.evaluation for r in results}
-    chosen = [None if key[0] is None else known.get(key) for key in keys]
-    if all(each is None for each in chosen):
-        raise SchemaError(
-            f"{folder} holds {len(paths)} results, {len(results)} of them in the world and models "
-            "of the data, but none of the last checkpoints of these runs. Evaluate these first: "
-            "swarmdata evaluate RUN... --out FOLDER."
-        )
-    return _as_scores(chosen, dataset)
-
-
-def _as_scores(results: Sequence[EvalResult | None], dataset: Dataset) -> Scores:
+def _scores(
+    found: Sequence[Candidates],
+    dataset: Dataset,
+    n_episodes: int | None,
+    folder: Path | None,
+    *,
+    progress: bool,
+) -> Scores | None:
+    """Scores from the simulator on the first reserved seeds, or from files, if asked for."""
+    results: Sequence[EvalResult | None]
+    if n_episodes is not None:
+        policies = [policy for each in found for policy in each.policies]
+        options: dict[str, Any] = {"n_episodes": n_episodes, "progress": progress}
+        results = [
+            evaluate(policy, dataset.task, name=f"policy {k} of {len(policies)}", **options)
+            for k, policy in enumerate(policies, 1)
+        ]
+    elif folder is not None:
+        results = _read_results(found, dataset, folder)
+    else:
+        return None
     measured = [result for result in results if result is not None]
     check_comparable(measured)
     values = [None if each is None else float(each.metrics["return"].mean()) for each in results]
@@ -347,3 +324,21 @@ def _as_scores(results: Sequence[EvalResult | None], dataset: Dataset) -> Scores
         return Scores(values, len(measured[0].seeds), "return")
     scores = [None if mean is None else float(dataset.normalized_score(mean)) for mean in values]
     return Scores(scores, len(measured[0].seeds), "score")
+
+
+def _read_results(
+    found: Sequence[Candidates], dataset: Dataset, folder: Path
+) -> list[EvalResult | None]:
+    """Results of `evaluate --out` in the dataset's world and models; at least one must be there."""
+    paths = sorted(folder.glob("*.json"))
+    results = [result for result in map(load_result, paths) if result.spec == dataset.spec]
+    known = {(r.provenance.content, r.provenance.seed): r.evaluation for r in results}
+    keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
+    chosen = [None if key[0] is None else known.get(key) for key in keys]
+    if all(each is None for each in chosen):
+        raise SchemaError(
+            f"{folder} holds {len(paths)} results, {len(results)} of them in the world and models "
+            "of the data, but none of the last checkpoints of these runs. Evaluate these first: "
+            "swarmdata evaluate RUN... --out FOLDER."
+        )
+    return chosen

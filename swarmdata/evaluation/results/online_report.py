@@ -62,15 +62,7 @@ def read_training(run: Path) -> Training:
 
 
 def write_online_report(runs: Sequence[Path], out: Path, *, suffix: str = ".png") -> str:
-    """Writes `<task>-<algorithm>.csv` for each run, `table.md` and `learning.png`.
-
-    Args:
-        runs: folders, one for each algorithm and task.
-        out: folder to write to.
-        suffix: of the figure: `.png`, `.svg` or `.pdf`.
-
-    Returns:
-        The table, as Markdown.
+    """Writes `<task>-<algorithm>.csv` for each run, `table.md` and the figure; returns the table.
 
     Raises:
         OutputError: `out` has files that no such report wrote.

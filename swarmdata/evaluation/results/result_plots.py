@@ -50,10 +50,8 @@ BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
 def looks_of(trained: Mapping[str, str], others: Collection[str] = ()) -> dict[str, dict[str, str]]:
     """Returns the color and marker of each label, by name, so that all figures of a report agree.
 
-    Args:
-        trained: label -> algorithm, of labels that learned from data: an algorithm has a color, its
-            labels have markers.
-        others: labels that did not; all are gray.
+    An algorithm has a color, and its labels, which learned from data, have markers; others are
+    gray.
     """
     looks = family_looks(dict(sorted(trained.items())))
     for k, label in enumerate(sorted(set(others) - set(trained))):

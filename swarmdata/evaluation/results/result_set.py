@@ -4,6 +4,7 @@ Results that are stale or cannot be compared are refused with one error.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -297,17 +298,11 @@ def _data_figures(
     entry = published().get(dataset)
     if entry is not None and entry.digest == digest:
         return entry
-    for folder in (*map(Path, folders), *_cached(dataset)):
+    known = [Path(folder) for folder in folders]
+    with suppress(UnknownNameError):  # an unpublished dataset outside the cache
+        known += [each for each in (find_folder(dataset),) if (each / "manifest.json").exists()]
+    for folder in known:
         stored = open_store(folder, "none")
         if stored.manifest.digest == digest:
             return figures_of(stored.table)
     return None
-
-
-def _cached(dataset: str) -> list[Path]:
-    """The folder of a dataset in the cache, if it is there."""
-    try:
-        folder = find_folder(dataset)
-    except UnknownNameError:
-        return []  # an unpublished dataset outside the cache
-    return [folder] if (folder / "manifest.json").exists() else []

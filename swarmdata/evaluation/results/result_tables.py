@@ -57,11 +57,6 @@ def _unknown(_: Case) -> float | None:
     return None
 
 
-def _time_to_goal(case: Case, label: str) -> Double:
-    """Time to goal; an unsolved episode counts as the horizon."""
-    return metrics.censored_times(case.metric(label, "time_to_goal"), case.time_limit)
-
-
 SCORE = Quantity(
     Column("score", "score", "", 1),
     lambda case, label: case.scores(label),
@@ -97,7 +92,9 @@ QUANTITIES: Mapping[str, Quantity] = {
         ),
         Quantity(
             Column("time_to_goal", "time to goal", "s", 1, bounds=AT_LEAST_ZERO),
-            _time_to_goal,
+            lambda case, label: metrics.censored_times(
+                case.metric(label, "time_to_goal"), case.time_limit
+            ),
             _unknown,
             lambda case: case.time_limit,
         ),
@@ -147,11 +144,8 @@ def case_table(case: Case) -> Table:
 def budget_table(case: Case, budgets: Mapping[str, float]) -> Table:
     """Returns by how much each label exceeds budgets of costs, and in how many of the episodes.
 
-    A label keeps a budget if the whole interval of the first is at most 0.
-
-    Args:
-        case: of our tasks.
-        budgets: largest mean cost of an episode, by the name of the cost (`event_costs.COSTS`).
+    A label keeps a budget, the largest mean cost of an episode by the name of the cost
+    (`event_costs.COSTS`), if the whole interval of the first is at most 0.
     """
     columns, rows = [], []
     for name, budget in budgets.items():

@@ -110,12 +110,7 @@ def kept_result(spec: Spec, provenance: Provenance, seeds: Seeds, out: Path) -> 
 
 
 def reference_teams(task: str, spec: TaskSpec) -> list[str]:
-    """`REFERENCE_POLICIES` and naive teams that a task has: tiers need checkpoints.
-
-    Args:
-        task: the preset's name, or a spec file.
-        spec: of the task.
-    """
+    """`REFERENCE_POLICIES` and naive teams that a preset or a file has: tiers need checkpoints."""
     is_silent = spec.communication.kind == "none"
     return [
         name

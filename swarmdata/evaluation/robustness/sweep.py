@@ -144,10 +144,8 @@ def plan_sweep(
 def run_point(planned: Sweep, name: str) -> bool:
     """Evaluates one point in this process, for schedulers; where it is done, nothing happens.
 
-    Two processes may evaluate the same point: they write the same files.
-
-    Returns:
-        Whether it was not done yet.
+    Two processes may evaluate the same point: they write the same files. Returns whether it was not
+    done yet.
 
     Raises:
         UnknownNameError: no such point.
@@ -161,10 +159,6 @@ def run_point(planned: Sweep, name: str) -> bool:
 
 def run_sweep(planned: Sweep, **options: Unpack[JobOptions]) -> list[Degradation]:
     """Evaluates teams along axes, one parameter at a time, and writes tables and figures.
-
-    Args:
-        planned: what there is to evaluate.
-        options: where policies are evaluated.
 
     Raises:
         SwarmdataError: as `run_evaluations` says.

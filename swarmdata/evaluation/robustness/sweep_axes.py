@@ -155,12 +155,7 @@ def _malformed(text: str, part: Part, problem: str) -> SpecError:
 
 
 def specs_along_axis(axis: Axis, policy: str, spec: TaskSpec) -> AxisSpecs:
-    """Returns the specs along an axis, which differ from the policy's spec in one parameter.
-
-    Args:
-        axis: to sweep.
-        policy: name for messages.
-        spec: of its training.
+    """Returns the specs along an axis: that of a policy's training with another parameter.
 
     Raises:
         UnknownNameError: the models of the spec have no such parameter.

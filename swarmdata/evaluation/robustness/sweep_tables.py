@@ -107,12 +107,9 @@ def estimates_of(
 ) -> tuple[tuple[Column, ...], tuple[Estimate, ...]]:
     """Returns the columns of `result_tables.case_table`, and the change compared with training.
 
-    Args:
-        runs: one result per policy of a team at the point.
-        before: results of the same policies with everything as in training.
-        spec: of the point.
-        trained: spec of the training, whose references scale the score: a world with other sensors
-            on the robots has no references.
+    There is one result per policy of a team at the point, and before, with everything as in
+    training. The references of the training's spec scale the score: a world with other sensors on
+    the robots has no references.
     """
     scale = reference_of(trained)
     label = runs[0].provenance.label

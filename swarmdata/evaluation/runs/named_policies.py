@@ -57,20 +57,14 @@ def behaviors_of(
     """Returns the behavior policies that a name means, one for each seed of a run.
 
     Args:
-        name: a registered policy such as `scripted`, a tier such as `expert` of a preset that has
-            its checkpoints, or a training run, by its folder or as `zoo:ALGORITHM/DATASET`; or a
-            registered policy for each side of the task, such as `tag-greedy,scripted`.
+        name: as `generate` takes it; or a registered policy for each side of the task, such as
+            `tag-greedy,scripted`.
         share: of the joint steps, which the policies have in equal parts.
         spec: the task.
-        noise: standard deviation of the Gaussian noise on the actions; policies that take none,
-            such as `random`, act without.
+        noise: of actions; policies that take none, such as `random`, act without.
         folder: where copies of networks go, into its folder `checkpoints`.
 
-    Raises:
-        UnknownNameError: nothing has that name.
-        PolicyFitError: the task does not provide what a trained policy needs.
-        SpecError: the run was trained on a recording of another environment.
-        MissingExtraError: a run folder needs torch.
+    Raises as `generate` does.
     """
     if "," in name:
         found: tuple[Behavior, ...] = (Behavior(_of_sides(name, spec, noise)),)
@@ -216,7 +210,14 @@ def make_policy(
             f"{name} is no registered policy and takes no options, got {', '.join(options)}"
         )
     if run is not None:
-        return _of_run(run, None if spec is None else find_spec(spec), seed)
+        found = open_run(run)
+        seeds = [each.seed for each in found.provenances]
+        if seed not in seeds:
+            raise SpecError(f"{run} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
+        if spec is None:
+            return found.policies()[seeds.index(seed)]
+        advice = "Leave the spec out, and evaluate it with swarmdata.evaluate_parallel."
+        return found.fitted(find_spec(spec), advice)[seeds.index(seed)]
     if spec is None:
         raise SpecError(f"policy {name} needs a task: give a spec, a preset's name or a spec file")
     task = find_spec(spec)
@@ -226,19 +227,6 @@ def make_policy(
     if not 0 <= seed < len(sources):
         raise SpecError(f"{name} has the seeds 0 to {len(sources) - 1}, got seed {seed}")
     return make_source_policy(sources[seed], task)
-
-
-def _of_run(folder: Path, spec: TaskSpec | None, seed: int) -> Policy:
-    """The newest policy of a training seed; of a recording's run as it is."""
-    found = open_run(folder)
-    seeds = [each.seed for each in found.provenances]
-    if seed not in seeds:
-        raise SpecError(f"{folder} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
-    index = seeds.index(seed)
-    if spec is None:
-        return found.policies()[index]
-    advice = "Leave the spec out, and evaluate it with swarmdata.evaluate_parallel."
-    return found.fitted(spec, advice)[index]
 
 
 def open_run(run: Path) -> "Trained":

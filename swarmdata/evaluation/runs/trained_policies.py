@@ -45,10 +45,7 @@ class Trained(NamedTuple):
         return SideSpec.parse(self.spec, str(self.folder)) if is_side else None
 
     def task(self, advice: str) -> TaskSpec:
-        """Returns the task of the training.
-
-        Args:
-            advice: what to do with a run on a recording, as a sentence.
+        """Returns the task of the training; `advice`: what to do with a run on a recording.
 
         Raises:
             SpecError: it was trained on a recording of another environment, or for one side.
@@ -133,16 +130,10 @@ def _provenance(seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenanc
 def fit_policies(
     name: str, policies: Sequence[Policy], trained: TaskSpec, offered: TaskSpec
 ) -> tuple[Policy, ...]:
-    """Returns the policies of a run for another spec.
+    """Returns the policies of a run, one per seed, for another spec than that of their training.
 
     Policies over sets act with other numbers of robots and slots; all others need those of their
     training.
-
-    Args:
-        name: of the run, for messages.
-        policies: one per seed.
-        trained: spec of their training.
-        offered: spec to act in.
 
     Raises:
         PolicyFitError: the robots, their number, the features or the actions do not fit.

@@ -165,10 +165,7 @@ def _run(cells: Sequence[Cell], work: Path, options: StudyOptions) -> dict[str, 
 def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
     """Runs one cell in this process, for schedulers; where it is done, nothing happens.
 
-    Two processes may run the same cell: one waits for the other.
-
-    Returns:
-        Whether it was not done yet.
+    Two processes may run the same cell: one waits for the other. Returns whether it was not done.
 
     Raises:
         UnknownNameError: no such cell.

@@ -48,12 +48,7 @@ def why_without_data(cells: Sequence[Cell]) -> str | None:
 
 
 def run_estimates(cells: Sequence[Cell], work: Path, **options: Unpack[JobOptions]) -> None:
-    """Ranks the policies of trained cells that have no ranking yet.
-
-    Raises:
-        BatchError: some failed; the others are done.
-        EngineError: the engine is unknown, or cannot be reached.
-    """
+    """Ranks the policies of trained cells without a ranking; raises BatchError if some fail."""
     waiting = [cell for cell in cells if not _ranking_file(cell, work).exists()]
     jobs = [
         Job(f"estimates of {cell.name}", {"folder": str(cell_folder(work, cell).resolve())})

@@ -26,10 +26,7 @@ CELLS = "cells"
 
 Rule = Literal["validation", "offline"]
 
-RULES: dict[Rule, str] = {
-    "validation": "validation episodes",
-    "offline": "offline estimates",
-}
+RULES: dict[Rule, str] = {"validation": "validation episodes", "offline": "offline estimates"}
 """What trials are chosen by: A, and B, which needs no simulator."""
 
 ESTIMATES = ("fqe_pessimistic", "imitation_error", "weighted_imitation_error")
@@ -163,7 +160,8 @@ class Tuning(Frozen):
         """Head and rows of a table of the default and of both choices."""
         numbers = {"the configuration as it is": 0}
         numbers |= {f"chosen by {RULES[rule]}": self.choice(rule) for rule in self.rules}
-        shown = (self.unit, *self.datasets) if self.n_episodes else self._estimate_heads()
+        estimated = (f"{ESTIMATES[0]} of {name}" for name in self.datasets)
+        shown = (self.unit, *self.datasets) if self.n_episodes else (*estimated,)
         head = ["", "trial", *shown, "settings"]
         rows = [
             [
@@ -175,9 +173,6 @@ class Tuning(Frozen):
             for words, k in numbers.items()
         ]
         return head, rows
-
-    def _estimate_heads(self) -> tuple[str, ...]:
-        return tuple(f"{ESTIMATES[0]} of {name}" for name in self.datasets)
 
     def _numbers(self, trial: Trial) -> list[str]:
         """What the trial reached: its scores; of data without a simulator, what decides rule B."""

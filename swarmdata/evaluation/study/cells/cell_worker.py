@@ -66,10 +66,7 @@ MAX_LOG_INTERVAL = 100
 def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> None:
     """Runs a cell that is not done yet; after a kill at any moment, the next call resumes.
 
-    Args:
-        cell: to train and evaluate.
-        folder: of the cell, created if absent.
-        report: gets the number of updates since its last call.
+    `report` gets the number of updates since its last call.
 
     Raises:
         BuildError: the folder holds another cell.

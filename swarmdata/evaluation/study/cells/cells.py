@@ -13,7 +13,7 @@ import dataclasses
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal
 
@@ -110,9 +110,7 @@ class Cell(Frozen):
 def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     """Returns the cells of a study without those of its sweeps, in the order of the plan.
 
-    Args:
-        study: the plan.
-        digest_of: returns the digest of a dataset by its id or folder.
+    `digest_of` returns the digest of a dataset by its id or folder.
 
     Raises:
         UnknownNameError: no such algorithm, setting, reward weight or set of them.
@@ -126,21 +124,30 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     ]
     if study.sizes is not None:
         for dataset in study.sizes.datasets:
-            found = (dataset_of_size(dataset, size) for size in study.sizes.sizes)
-            parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in found]
-    cells: dict[str, Cell] = {}
-    for dataset, n_steps, labels in parts:
-        for label in labels:
-            cell = offline_cell(study, label, dataset, digest_of, n_steps=n_steps)
-            _add(cells, cell)
+            sized = (dataset_of_size(dataset, size) for size in study.sizes.sizes)
+            parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in sized]
+    found = [
+        offline_cell(study, label, dataset, digest_of, n_steps=n_steps)
+        for dataset, n_steps, labels in parts
+        for label in labels
+    ]
     if (seen := study.information) is not None:
-        for dataset, view, label in itertools.product(
-            seen.datasets, seen.views.values(), seen.algorithms
-        ):
-            if study.has(label, dataset):
-                _add(cells, offline_cell(study, label, dataset, digest_of, view=view))
-    for cell in _online_cells(study):
-        _add(cells, cell)
+        every = itertools.product(seen.datasets, seen.views.values(), seen.algorithms)
+        found += [
+            offline_cell(study, label, dataset, digest_of, view=view)
+            for dataset, view, label in every
+            if study.has(label, dataset)
+        ]
+    found += [_online_cell(study, label) for label in study.online]
+    if seen is not None:
+        pairs = itertools.product(seen.views.values(), seen.online)
+        found += [_online_cell(study, label, view) for view, label in pairs]
+    cells: dict[str, Cell] = {}
+    for cell in found:
+        if cells.setdefault(cell.name, cell) != cell:
+            raise SpecError(
+                f"two different cells are called {cell.name}; rename a dataset of the study"
+            )
     return list(cells.values())
 
 
@@ -154,13 +161,6 @@ def _check_settings(study: Study) -> None:
         raise SpecError(
             f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
             f"expected some of: {', '.join(sorted(known))}"
-        )
-
-
-def _add(cells: dict[str, Cell], cell: Cell) -> None:
-    if cells.setdefault(cell.name, cell) != cell:
-        raise SpecError(
-            f"two different cells are called {cell.name}; rename a dataset of the study"
         )
 
 
@@ -222,15 +222,6 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
 def _seen_in(data: str, view: View) -> str:
     """The short name of data or of a task in a view."""
     return "~".join((data, *(model for model in view.models if model is not None)))
-
-
-def _online_cells(study: Study) -> Iterator[Cell]:
-    """Online rows in their tasks as they are, then those that learn in views."""
-    for label in study.online:
-        yield _online_cell(study, label)
-    if (seen := study.information) is not None:
-        for view, label in itertools.product(seen.views.values(), seen.online):
-            yield _online_cell(study, label, view)
 
 
 def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:

@@ -68,7 +68,6 @@ def run_cells(
 
     Raises:
         StaleCellError: a folder holds a cell of another key, and `again` is false.
-        EngineError: the engine is unknown, or cannot be reached.
     """
     remove_stale(cells, work, again=again)
     waiting = [cell for cell in cells if not is_done(cell, cell_folder(work, cell))]
@@ -143,20 +142,14 @@ def longest_first(cells: Sequence[Cell], work: Path) -> list[Cell]:
     The time of an update is taken from finished cells of the same label. A label without any gets
     the longest known time, so that it starts early.
     """
-    speeds = known_speeds(work)
+    known: dict[str, list[float]] = {}  # seconds per update
+    for file in sorted((work / "cells").glob(f"*/*/{COST_FILE}")):
+        if speed := Cost.from_file(file).updates_per_second:
+            known.setdefault(file.parent.parent.name, []).append(1.0 / speed)
+    speeds = {label: sum(values) / len(values) for label, values in known.items()}
     slowest = max(speeds.values(), default=1.0)
 
     def seconds(cell: Cell) -> float:
         return cell.n_updates * speeds.get(cell.label, slowest)
 
     return sorted(cells, key=seconds, reverse=True)
-
-
-def known_speeds(work: Path) -> dict[str, float]:
-    """Seconds per update by label, from cells that were trained in this folder."""
-    found: dict[str, list[float]] = {}
-    for file in sorted((work / "cells").glob(f"*/*/{COST_FILE}")):
-        speed = Cost.from_file(file).updates_per_second
-        if speed:
-            found.setdefault(file.parent.parent.name, []).append(1.0 / speed)
-    return {label: sum(values) / len(values) for label, values in found.items()}

@@ -103,11 +103,7 @@ def _shortened(result: bytes) -> bytes:
 
 
 def check_archive(file: Path) -> None:
-    """Checks that there is an archive.
-
-    Raises:
-        StudyError: there is none.
-    """
+    """Raises StudyError if there is no archive."""
     if not file.exists():
         raise StudyError(
             f"{file.parent} has no {ARCHIVE_FILE}, from which its pages could be written again: it "
@@ -117,13 +113,7 @@ def check_archive(file: Path) -> None:
 
 
 def read_archive(study: Study, file: Path, folder: Path) -> tuple[Findings, Notes]:
-    """Unpacks an archive into a folder of cells, and collects what they found.
-
-    Args:
-        study: the plan.
-        file: that `write_archive` wrote.
-        folder: to unpack into; it is the folder of cells then.
-    """
+    """Unpacks a study's archive into a folder of cells, and collects what they found."""
     with tarfile.open(file, mode="r:xz") as archive:
         archive.extractall(folder, filter="data")
     notes = Notes.from_file(folder / NOTES_FILE)

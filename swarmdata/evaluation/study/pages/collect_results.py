@@ -112,13 +112,7 @@ class Findings:
 def collect_findings(
     study: Study, cells: Sequence[Cell], work: Path, failures: Mapping[str, str]
 ) -> Findings:
-    """Reads the results of the cells that are done.
-
-    Args:
-        study: the plan.
-        cells: that it asks for.
-        work: folder of the cells.
-        failures: why cells failed, by name.
+    """Reads the results of the cells that are done, and why others failed, by name.
 
     Raises:
         StudyError: no cell on the study's own datasets is done.

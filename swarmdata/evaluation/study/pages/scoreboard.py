@@ -89,13 +89,7 @@ def quantity_of(results: ResultSet) -> Quantity:
 
 
 def make_scoreboard(results: ResultSet, families: Mapping[str, str], key: str) -> Scoreboard:
-    """Makes the scoreboard of a quantity.
-
-    Args:
-        results: what was measured.
-        families: label -> family, in the order of the tables.
-        key: of `result_tables.QUANTITIES`.
-    """
+    """Makes the scoreboard of a key of `QUANTITIES`; families are in the order of the tables."""
     quantity = QUANTITIES[key]
     cases = [case for case in results.cases if quantity in quantities_of(case)]
     values = {

@@ -106,18 +106,14 @@ def write_pages(
 ) -> list[Path]:
     """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
 
-    Args:
-        found: what was measured.
-        out: folder; files that a study wrote there are replaced.
-        command: that runs the study again, for the page.
-        shifts: what policies reach in other views and tasks, by the name of the file.
+    Files that a study wrote into `out` are replaced. The page has the command that runs the study
+    again. `shifts` is what policies reach in other views and tasks, by the name of the file.
 
     Returns:
         The files, the page first.
 
     Raises:
         OutputError: the folder has files that no study wrote.
-        MissingExtraError: matplotlib is not installed.
     """
     missing = {name: without_folders(reason) for name, reason in found.missing.items()}
     notes = Notes(command=without_folders(command), missing=missing)
@@ -162,7 +158,6 @@ def rewrite_pages(out: Path) -> list[Path]:
 
     Raises:
         StudyError: the folder has no archive of cells.
-        MissingExtraError: matplotlib is not installed.
     """
     check_archive(out / ARCHIVE_FILE)
     with filled(out, STUDY) as folder:
