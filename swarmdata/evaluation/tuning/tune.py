@@ -24,7 +24,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ResultsError, SpecError
 from swarmdata.evaluation.results.result_set import group_results, reference_of
 from swarmdata.evaluation.runs.portable_names import portable_name
-from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, is_done, offline_cell
+from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import results_of
@@ -131,7 +131,7 @@ def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
     why_not = why_without_data(cells)
     if why_not is None:
         run_cells(cells, work, **options)
-        trained = [cell for cell in cells if is_done(cell, cell_folder(work, cell))]
+        trained = [cell for cell in cells if cell.is_done(cell.folder(work))]
         why_not = why_without(trained, work) if trained else None
     if why_not is not None:
         raise ResultsError(

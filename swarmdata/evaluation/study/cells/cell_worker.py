@@ -23,9 +23,6 @@ from swarmdata.evaluation.study.cells.cells import (
     ERROR_FILE,
     RESULTS_FOLDER,
     Cell,
-    cell_run_folder,
-    find_conflict,
-    is_done,
 )
 from swarmdata.evaluation.study.cells.study_data import (
     DatasetFacts,
@@ -73,9 +70,9 @@ def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> 
         SwarmdataError: training or evaluation failed.
     """
     with locked(folder):
-        if is_done(cell, folder):
+        if cell.is_done(folder):
             return
-        if other := find_conflict(cell, folder):
+        if other := cell.conflict(folder):
             raise BuildError(f"{folder} holds another {cell.name}: {other}")
         folder.mkdir(parents=True, exist_ok=True)
         write_file(folder / CELL_FILE, cell.to_json().encode())
@@ -86,7 +83,7 @@ def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> 
             meter.add_updates(updates)
             report(updates)
 
-        run = cell_run_folder(cell, folder)
+        run = cell.run_in(folder)
         with meter.stage("train"):
             _TRAIN[cell.kind](cell, run, meter, count)
         with meter.stage("evaluate"):

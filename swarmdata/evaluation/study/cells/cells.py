@@ -15,7 +15,7 @@ import itertools
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field
 
@@ -105,6 +105,31 @@ class Cell(Frozen):
     def n_updates(self) -> int:
         """Length of training in the algorithm's own unit; 0 for a finished run."""
         return int(self.config.get("n_updates", self.config.get("n_steps", 0)))
+
+    @classmethod
+    def in_folder(cls, folder: Path) -> Self:
+        """Reads the cell that a folder belongs to."""
+        return cls.from_file(folder / CELL_FILE)
+
+    def folder(self, work: Path) -> Path:
+        """Where a study keeps the cell, below its folder of runs and results."""
+        return work / "cells" / self.label / self.data
+
+    def run_in(self, folder: Path) -> Path:
+        """The run folder in the cell's folder; its name becomes the label of the policies."""
+        return folder / self.label
+
+    def is_done(self, folder: Path) -> bool:
+        """Whether the folder holds the complete results of this cell."""
+        file = folder / DONE_FILE
+        return file.exists() and json.loads(file.read_text(encoding="utf-8"))["key"] == self.key
+
+    def conflict(self, folder: Path) -> str | None:
+        """How the folder's cell differs from this one; None if it is the same, or not there yet."""
+        if not (folder / CELL_FILE).exists():
+            return None
+        stored = Cell.in_folder(folder)
+        return None if stored.key == self.key else describe_differences(stored, self)
 
 
 def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
@@ -282,34 +307,3 @@ def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
 def _json(config: Any) -> dict[str, Any]:
     values: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
     return values
-
-
-def cell_folder(work: Path, cell: Cell) -> Path:
-    """Where a study keeps a cell, below its folder of runs and results."""
-    return work / "cells" / cell.label / cell.data
-
-
-def cell_run_folder(cell: Cell, folder: Path) -> Path:
-    """The run folder of a cell; its name becomes the label of the policies."""
-    return folder / cell.label
-
-
-def is_done(cell: Cell, folder: Path) -> bool:
-    """Whether the folder holds the complete results of this cell."""
-    file = folder / DONE_FILE
-    return file.exists() and json.loads(file.read_text(encoding="utf-8"))["key"] == cell.key
-
-
-def read_cell(folder: Path) -> Cell:
-    """Reads the cell that a folder belongs to."""
-    return Cell.from_file(folder / CELL_FILE)
-
-
-def find_conflict(cell: Cell, folder: Path) -> str | None:
-    """How the folder's cell differs from this one; None if it is this one, or there is none yet."""
-    if not (folder / CELL_FILE).exists():
-        return None
-    stored = read_cell(folder)
-    if stored.key == cell.key:
-        return None
-    return describe_differences(stored, cell)

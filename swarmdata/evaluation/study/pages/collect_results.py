@@ -19,9 +19,6 @@ from swarmdata.evaluation.study.cells.cells import (
     ONLINE_FAMILY,
     RESULTS_FOLDER,
     Cell,
-    cell_folder,
-    cell_run_folder,
-    is_done,
 )
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
@@ -92,7 +89,7 @@ class Findings:
 
         Its progress is in gradient updates; that of an online cell in joint steps.
         """
-        path = cell_run_folder(cell, cell_folder(self.work, cell)) / file
+        path = cell.run_in(cell.folder(self.work)) / file
         rows = [row for row in read_table(path) if column in row] if path.exists() else []
         if not rows:
             return None
@@ -118,11 +115,11 @@ def collect_findings(
         StudyError: no cell on the study's own datasets is done.
         ResultsError: the results cannot be compared.
     """
-    done = tuple(cell for cell in cells if is_done(cell, cell_folder(work, cell)))
+    done = tuple(cell for cell in cells if cell.is_done(cell.folder(work)))
     missing = {
         cell.name: failures.get(cell.name, "not run yet") for cell in cells if cell not in done
     }
-    files = {cell.name: cell_folder(work, cell) / DATA_FILE for cell in done}
+    files = {cell.name: cell.folder(work) / DATA_FILE for cell in done}
     facts = {name: DatasetFacts.from_file(file) for name, file in files.items() if file.exists()}
     grid = [cell for cell in done if is_in_grid(study, cell)]
     if not any(cell.kind == "offline" for cell in grid):
@@ -140,7 +137,7 @@ def collect_findings(
         sizes=_read_results(sized, work, facts) if sized else None,
         views=_with_baselines(_read_results(viewed, work, facts)) if viewed else None,
         facts=facts,
-        costs={cell.name: Cost.from_file(cell_folder(work, cell) / COST_FILE) for cell in done},
+        costs={cell.name: Cost.from_file(cell.folder(work) / COST_FILE) for cell in done},
         work=work,
     )
 
@@ -204,7 +201,7 @@ def facts_by_dataset(facts: Mapping[str, DatasetFacts]) -> dict[str, DatasetFact
 
 def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
     """Reads all results of finished cells."""
-    folders = [cell_folder(work, cell) / RESULTS_FOLDER for cell in cells]
+    folders = [cell.folder(work) / RESULTS_FOLDER for cell in cells]
     return [load_result(file) for folder in folders for file in sorted(folder.glob("*.json"))]
 
 

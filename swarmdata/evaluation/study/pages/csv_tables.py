@@ -9,7 +9,7 @@ import numpy as np
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
-from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, Cell, cell_folder
+from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
 from swarmdata.learn.training.run_files import CURVE_METRICS
 from swarmdata.registry.published import normalized_score
@@ -30,9 +30,7 @@ Row = Mapping[str, str | float | int | None]
 
 def run_rows(found: Findings) -> list[Row]:
     """One row per run and dataset, without sweeps."""
-    keys = {
-        (cell.label, cell_folder(found.work, cell) / RESULTS_FOLDER): cell for cell in found.cells
-    }
+    keys = {(cell.label, cell.folder(found.work) / RESULTS_FOLDER): cell for cell in found.cells}
     rows = []
     for case in _cases(found):
         for label, runs in case.runs.items():

@@ -17,7 +17,7 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
 from swarmdata.evaluation.runs.job_options import JobOptions
-from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, cell_run_folder
+from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, results_of
 from swarmdata.evaluation.study.pages.data_views import label_of, view_cells
@@ -50,7 +50,7 @@ def plan_shift(
     The conditions are `task`, `observation` and `communication`, as `find_target` takes them; the
     folder of results keeps the episodes, so that an interrupted study resumes.
     """
-    run = cell_run_folder(cell, cell_folder(found.work, cell))
+    run = cell.run_in(cell.folder(found.work))
     if not run.is_dir():
         return Shift(place, None)
     source = TargetName.parse({"name": run, **conditions})

@@ -12,13 +12,7 @@ from swarmdata.evaluation.robustness.sweep import plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
 from swarmdata.evaluation.runs.job_options import JobOptions
-from swarmdata.evaluation.study.cells.cells import (
-    Cell,
-    cell_folder,
-    cell_run_folder,
-    is_done,
-    offline_cell,
-)
+from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.plan import SweepPlan, View
@@ -49,7 +43,7 @@ class PlannedSweep:
 
     def is_ready(self, work: Path) -> bool:
         """Whether all its cells are done."""
-        return all(is_done(cell, cell_folder(work, cell)) for cell in self.cells)
+        return all(cell.is_done(cell.folder(work)) for cell in self.cells)
 
     def is_measured(self, work: Path) -> bool:
         """Whether all its points were evaluated."""
@@ -87,7 +81,7 @@ def run_sweeps(
     for each in planned:
         plan = each.plan
         folder = each.folder(work)
-        names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
+        names = [str(cell.run_in(cell.folder(work))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
         sweep = plan_sweep(names, [axis], folder, n_episodes=each.n_episodes, block=each.block)
         run_sweep(sweep, **options)
