@@ -84,7 +84,7 @@ def verify(
         return Verdict((f"{links[0]} is a link, expected a file",))
     try:
         description = Description.from_file(entry / ENTRY)
-        reasons = (*_wrong_data(description), *_wrong_files(entry, description))
+        reasons = tuple(_wrong(entry, description))
         claimed = [] if reasons else _claimed(entry, description, n_episodes)
     except SwarmdataError as error:
         return Verdict((str(error),))
@@ -117,18 +117,14 @@ def fresh_seeds(description: Description, n_episodes: int) -> Seeds:
     return derive(first, np.arange(n_episodes)) | np.uint64(EVALUATION_BASE << 1)
 
 
-def _wrong_data(description: Description) -> Iterator[str]:
-    """What is wrong with the dataset and the number of policies."""
-    known = published()[find_recipe(description.dataset).id].digest
-    if description.digest != known:
-        yield f"its dataset has digest {description.digest[:12]}, published is {known[:12]}"
+def _wrong(entry: Path, description: Description) -> Iterator[str]:
+    """What is wrong with the dataset, the number of policies, and the files."""
+    digest = published()[find_recipe(description.dataset).id].digest
+    if description.digest != digest:
+        yield f"its dataset has digest {description.digest[:12]}, published is {digest[:12]}"
     n_policies = len(set(description.policies))
     if n_policies < LEAST_SEEDS:
         yield f"it has {n_policies} different policies, expected at least {LEAST_SEEDS}"
-
-
-def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
-    """What is wrong with the files."""
     names = dict(zip(description.files, description.policies, strict=True))
     files = {path.relative_to(entry).as_posix() for path in entry.rglob("*") if not path.is_dir()}
     known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}

@@ -149,18 +149,11 @@ class ResultSet:
     @cached_property
     def scores(self) -> Mapping[str, Mapping[str, Double]]:
         """Label -> dataset -> scores [runs, episodes], of datasets that have a score."""
-        return MappingProxyType(
-            {
-                label: MappingProxyType(
-                    {
-                        case.name: case.scores(label)
-                        for case in self.cases
-                        if label in case.runs and case.reference is not None
-                    }
-                )
-                for label in self.labels
-            }
-        )
+        scored = [case for case in self.cases if case.reference is not None]
+        return {
+            label: {case.name: case.scores(label) for case in scored if label in case.runs}
+            for label in self.labels
+        }
 
     def case(self, dataset: str) -> Case:
         """Returns the case of a dataset.

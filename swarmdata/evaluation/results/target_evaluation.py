@@ -59,13 +59,9 @@ def evaluate_target(
     Raises:
         ResultsError: a file in `out` is of another run with the same label and dataset.
     """
-    results = []
+    results, seeds = [], block_seeds(block, n_episodes)
     for policy, provenance in zip(target.policies, target.provenances, strict=True):
-        kept = (
-            None
-            if out is None
-            else kept_result(target.measured, provenance, block_seeds(block, n_episodes), out)
-        )
+        kept = None if out is None else kept_result(target.measured, provenance, seeds, out)
         if kept is None or again:
             evaluation = evaluate(
                 policy,

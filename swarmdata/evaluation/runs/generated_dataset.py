@@ -117,7 +117,13 @@ def _recipe(
     spec: TaskSpec, policies: Sequence[PolicySource], *, id: str, tier: str, seed: int | None,
     n_steps: int, metadata: Mapping[str, str],
 ) -> Recipe:  # fmt: skip
-    _check_steps(n_steps, policies, spec)
+    rarest = min(policies, key=lambda source: source.share)
+    part = rarest.share / sum(source.share for source in policies)
+    if n_steps * part < spec.horizon:  # every policy needs an episode as long as the horizon
+        raise SpecError(
+            f"{n_steps:,} steps leave {n_steps * part:,.0f} to policy {rarest.label!r}, less than "
+            f"one episode of {spec.horizon} steps; expected at least {spec.horizon / part:,.0f}"
+        )
     content = {
         "id": id,
         "tier": tier,
@@ -129,17 +135,6 @@ def _recipe(
         "part_episodes": part_size(spec, policies, n_steps),
     }
     return Recipe.parse(content, f"the recipe of {id}")
-
-
-def _check_steps(n_steps: int, policies: Sequence[PolicySource], spec: TaskSpec) -> None:
-    """Refuses fewer steps than give every policy one episode as long as the horizon."""
-    rarest = min(policies, key=lambda source: source.share)
-    part = rarest.share / sum(source.share for source in policies)
-    if n_steps * part < spec.horizon:
-        raise SpecError(
-            f"{n_steps:,} steps leave {n_steps * part:,.0f} to policy {rarest.label!r}, less than "
-            f"one episode of {spec.horizon} steps; expected at least {spec.horizon / part:,.0f}"
-        )
 
 
 def _check_id(id: str) -> None:

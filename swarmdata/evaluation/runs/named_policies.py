@@ -69,7 +69,7 @@ def behaviors_of(
     if "," in name:
         found: tuple[Behavior, ...] = (Behavior(_of_sides(name, spec, noise)),)
     elif (run := find_run(name)) is not None:
-        found = tuple(_copied(run, spec, noise, folder))
+        found = tuple(_copies(run, spec, noise, folder / CHECKPOINTS))
     elif name in checkpoint_free_policies():
         std = noise if takes_noise(name, spec) else 0.0
         found = (Behavior(PolicySource(label=name, name=name, noise=std)),)
@@ -132,30 +132,26 @@ def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]
     raise UnknownNameError("policy, tier or run folder", name, known)
 
 
-def _copied(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
-    """Copies the newest policies of a run, and yields one behavior policy for each seed."""
+def _copies(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
+    """Copies the newest policy of each seed: for exact inference if it can be, else as it is."""
     found = open_run(run)
-    policies = found.fitted(spec, "Record it in its environment with swarmdata.Recorder.")
-    (folder / CHECKPOINTS).mkdir(parents=True, exist_ok=True)
-    stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
-    for provenance, policy in zip(found.provenances, policies, strict=True):
-        label = f"{stem}-{provenance.seed}"
-        yield _copy(policy, label, spec, noise, folder / CHECKPOINTS)
-
-
-def _copy(policy: Policy, label: str, spec: TaskSpec, noise: float, folder: Path) -> Behavior:
-    """Writes a policy for exact inference if it can be, else as it is."""
     from swarmdata.learn.policies.policy_file import save_policy  # noqa: PLC0415  (torch is an extra)
 
-    fresh = folder / "new.safetensors"
-    error = _exact_copy(policy, spec, fresh)
-    if error is None:
-        save_policy(fresh, policy)
-    sha256 = hashlib.sha256(fresh.read_bytes()).hexdigest()
-    path = fresh.rename(folder / f"{label}-{sha256[:12]}.safetensors")
-    kind = "network" if error is None else "learned"
-    source = PolicySource(label=label, name=kind, checkpoint=path.name, sha256=sha256, noise=noise)
-    return Behavior(source, error)
+    policies = found.fitted(spec, "Record it in its environment with swarmdata.Recorder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
+    for provenance, policy in zip(found.provenances, policies, strict=True):
+        label, fresh = f"{stem}-{provenance.seed}", folder / "new.safetensors"
+        error = _exact_copy(policy, spec, fresh)
+        if error is None:
+            save_policy(fresh, policy)
+        sha256 = hashlib.sha256(fresh.read_bytes()).hexdigest()
+        path = fresh.rename(folder / f"{label}-{sha256[:12]}.safetensors")
+        kind = "network" if error is None else "learned"
+        source = PolicySource(
+            label=label, name=kind, checkpoint=path.name, sha256=sha256, noise=noise
+        )
+        yield Behavior(source, error)
 
 
 def _exact_copy(policy: Policy, spec: TaskSpec, path: Path) -> float | None:

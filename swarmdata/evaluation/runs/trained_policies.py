@@ -141,7 +141,16 @@ def fit_policies(
     """
     if offered == trained:
         return tuple(policies)
-    _check_robots(name, trained, offered)
+    drives = [
+        sorted({f"{robot.dynamics} with {robot.command} commands" for robot in spec.robots})
+        for spec in (trained, offered)
+    ]
+    if drives[0] != drives[1]:  # actions would mean something else
+        raise PolicyFitError(
+            f"{name} was trained on robots that are {' and '.join(drives[0])}, and cannot drive "
+            f"robots that are {' and '.join(drives[1])}. Evaluate it in a task with robots as in "
+            "its training."
+        )
     known, seen = (features_of(make_task(spec)) for spec in (trained, offered))
     fitted: list[Policy] = []
     for policy in policies:
@@ -157,19 +166,6 @@ def fit_policies(
         check_senses(name, trained, offered, known, seen)
         fitted.append(policy)
     return tuple(fitted)
-
-
-def _check_robots(name: str, trained: TaskSpec, offered: TaskSpec) -> None:
-    """Raises PolicyFitError if actions would mean something else."""
-    known, found = (
-        sorted({f"{robot.dynamics} with {robot.command} commands" for robot in spec.robots})
-        for spec in (trained, offered)
-    )
-    if known != found:
-        raise PolicyFitError(
-            f"{name} was trained on robots that are {' and '.join(known)}, and cannot drive robots "
-            f"that are {' and '.join(found)}. Evaluate it in a task with robots as in its training."
-        )
 
 
 def label_of(name: str, dataset: str) -> str:

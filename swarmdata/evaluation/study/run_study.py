@@ -85,11 +85,11 @@ def run_study(
     cells = all_cells(study, progress=options.progress)
     work = options.work_of(study)
     chosen = [] if options.shifts_only else select_cells(cells, options.only)
-    failures = _run(chosen, work, options)
+    failures = run_cells(chosen, work, again=options.again, **options.jobs)
     measure = options.only is None
     if measure:
         swept = _swept_cells(collect_findings(study, cells, work, failures))
-        failures |= _run(swept, work, options)
+        failures |= run_cells(swept, work, again=options.again, **options.jobs)
     found = _collect(study, cells, work, failures)
     return failures, _write_pages(found, options, command, measure=measure)
 
@@ -156,10 +156,6 @@ def _used_elsewhere(
     rows = {name: estimate_shifts(found, each) for name, each in shifts.items()}
     # where nothing was evaluated yet, it says nothing that some policies do not fit
     return {name: each if any(row.estimates for row in each) else [] for name, each in rows.items()}
-
-
-def _run(cells: Sequence[Cell], work: Path, options: StudyOptions) -> dict[str, str]:
-    return run_cells(cells, work, again=options.again, **options.jobs)
 
 
 def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:

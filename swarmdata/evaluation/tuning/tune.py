@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 from swarmdata import __version__
-from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ResultsError, SpecError
 from swarmdata.evaluation.results.result_set import group_results, reference_of
 from swarmdata.evaluation.runs.portable_names import portable_name
@@ -183,10 +182,14 @@ def _cells(
         )
     unit: Literal["score", "return"] = "return" if without else "score"
     digests = {name: each.digest for name, each in opened.items()}
+    parts: dict[str, int | None] = dict.fromkeys(opened)
+    for name, each in opened.items():
+        if n_steps is not None and each.episodes.lengths[:-1].sum() >= n_steps:
+            parts[name] = n_steps  # of fewer steps, all are kept
     cells = [
         [
-            offline_cell(study, label, name, digests.__getitem__, n_steps=_part(each, n_steps))
-            for name, each in opened.items()
+            offline_cell(study, label, name, digests.__getitem__, n_steps=part)
+            for name, part in parts.items()
         ]
         for label in study.algorithms
     ]
@@ -194,12 +197,6 @@ def _cells(
         return cells, unit
     unscored = {"n_episodes": 0}
     return [[cell.model_copy(update=unscored) for cell in trial] for trial in cells], unit
-
-
-def _part(dataset: Dataset, n_steps: int | None) -> int | None:
-    """The number of first steps to keep of a dataset; None where it has no more than these."""
-    is_whole = n_steps is None or dataset.episodes.lengths[:-1].sum() < n_steps
-    return None if is_whole else n_steps
 
 
 def _tuning(

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -88,7 +88,7 @@ def estimate_rows(found: Findings) -> list[Row]:
         for label, runs in case.runs.items():
             origin = runs[0].provenance
             for quantity in quantities_of(case):
-                value, low, high = estimate(quantity, case, label)
+                ends = zip(("mean", "low", "high"), estimate(quantity, case, label), strict=True)
                 rows.append(
                     {
                         "label": label,
@@ -101,9 +101,7 @@ def estimate_rows(found: Findings) -> list[Row]:
                         "frames": origin.frames,
                         "episodes": len(runs[0].evaluation.seeds),
                         "quantity": quantity.column.key,
-                        "mean": value,
-                        "low": low,
-                        "high": high,
+                        **dict(ends),
                     }
                 )
     return sorted(rows, key=lambda row: (str(row["dataset"]), str(row["label"])))
@@ -162,13 +160,9 @@ def curve_rows(found: Findings) -> list[Row]:
             curve = found.learning_curve(cell, metric)
             if curve is None:
                 continue
-            parts: dict[str, Callable[..., object]] = {
-                "mean": np.mean,
-                "low": np.min,
-                "high": np.max,
-            }
-            ends = {name: part(curve.values, axis=0) for name, part in parts.items()}
-            for k, update in enumerate(curve.progress.tolist()):
-                values = {name: float(end[k]) for name, end in ends.items()}  # type: ignore[index]
-                rows.append({"cell": cell.name, "metric": metric, "update": int(update), **values})
+            means, lows, highs = (part(curve.values, axis=0) for part in (np.mean, np.min, np.max))
+            where = {"cell": cell.name, "metric": metric}
+            for update, mean, low, high in zip(curve.progress, means, lows, highs, strict=True):
+                ends = {"mean": float(mean), "low": float(low), "high": float(high)}
+                rows.append({**where, "update": int(update), **ends})
     return rows

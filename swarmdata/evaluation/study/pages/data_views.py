@@ -74,9 +74,7 @@ def view_rows(found: Findings) -> list[dict[str, object]]:
             "view": view,
             "label": label,
             "quantity": board.column.key,
-            "mean": estimate.value,
-            "low": estimate.low,
-            "high": estimate.high,
+            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
         }
         for board in _boards(found.views, found.view_families)
         for dataset, views in _measured(found).items()

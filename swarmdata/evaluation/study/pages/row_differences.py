@@ -46,6 +46,10 @@ class RowDifference:
         """The difference as text."""
         return f"`{self.one}` − `{self.other}`"
 
+    def shown(self, column: Column) -> Estimate:
+        """A quantity in the unit of tables and figures."""
+        return column.shown(self.estimates[column.key])
+
 
 def difference_rows(found: Findings) -> list[dict[str, object]]:
     """One row per list of pairs, pair, dataset and quantity: the difference, in stored units."""
@@ -56,9 +60,7 @@ def difference_rows(found: Findings) -> list[dict[str, object]]:
             "other": each.other,
             "dataset": each.dataset,
             "quantity": key,
-            "mean": estimate.value,
-            "low": estimate.low,
-            "high": estimate.high,
+            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
         }
         for name, plan in found.study.differences.items()
         for each in measured_differences(found, plan)
@@ -230,23 +232,22 @@ def plot_row_differences(
         title = datasets[0] if by_pair else pairs[0]
         found = {
             f"change of {column.header}": {
-                _pair(each) if by_pair else each.dataset: _shown(each, column)
-                for each in differences
+                _pair(each) if by_pair else each.dataset: each.shown(column) for each in differences
             }
             for column in columns
         }
         _plot_changes(found, [title], list(found), path)
     elif len(datasets) <= MAX_PANELS_IN_A_LINE:
         found = {
-            name: {_pair(each): _shown(each, main) for each in differences if each.dataset == name}
+            name: {_pair(each): each.shown(main) for each in differences if each.dataset == name}
             for name in datasets
         }
         _plot_changes(found, datasets, [f"change of {main.header}"] * len(datasets), path)
     else:
         cells = {
-            (each.dataset, _pair(each)): MatrixCell(value, value, verdict_of(difference) != UNCLEAR)
+            (each.dataset, _pair(each)): MatrixCell(value, value, verdict_of(change) != UNCLEAR)
             for each in differences
-            if not math.isnan(value := (difference := _shown(each, main)).value)
+            if not math.isnan(value := (change := each.shown(main)).value)
         }
         rows: dict[str, list[str]] = {}
         for name in sorted(datasets):
@@ -263,10 +264,6 @@ def plot_row_differences(
 
 def _pair(each: RowDifference) -> str:
     return words_of_pair(each.one, each.other)
-
-
-def _shown(each: RowDifference, column: Column) -> Estimate:
-    return Estimate(*(column.factor * end for end in each.estimates[column.key]))
 
 
 def _plot_changes(found: Found, titles: Sequence[str], labels: Sequence[str], path: Path) -> None:
