@@ -106,7 +106,6 @@ def study(
 def _list_cells(plan: "Study", options: "StudyOptions", *, as_json: bool) -> None:
     import json
 
-    from swarmdata.evaluation.study.cells.cells import cell_folder, is_done
     from swarmdata.evaluation.study.run_study import list_cells
 
     found = list_cells(plan, options)
@@ -117,7 +116,7 @@ def _list_cells(plan: "Study", options: "StudyOptions", *, as_json: bool) -> Non
             err=True,
         )
     for cell in found.cells:
-        done = is_done(cell, cell_folder(options.work_of(plan), cell))
+        done = cell.is_done(cell.folder(options.work_of(plan)))
         line = {"cell": cell.name, "done": done, "updates": cell.n_updates, "key": cell.key}
         typer.echo(json.dumps(line) if as_json else f"{'done' if done else 'open'}  {cell.name}")
 

@@ -93,7 +93,7 @@ REGENERATE = "swarmdata.hub.publishing.regenerate"
 COMPARE = "swarmdata.evaluation.robustness.simulator_transfer:compare_simulators"
 SWEEP = "swarmdata.evaluation.robustness.sweep"
 STUDY = "swarmdata.evaluation.study.run_study"
-CELL = SimpleNamespace(name="bc/a", label="bc", data="a", n_updates=3, key="k")
+CELL = SimpleNamespace(name="bc/a", n_updates=3, key="k", folder=Path, is_done=lambda folder: False)
 IMPORTED = ImportedLogs.model_construct(id="hall-a-v0")
 BROKEN = (SimpleNamespace(file="recipe.json", problem="is absent"),)
 SOUND = {f"{CATALOG}:find_folder": Path("data"), f"{REPAIR}:examine": ()}

@@ -1,5 +1,7 @@
 """Results as if they had been measured, for tests of what is made of them."""
 
+import csv
+import io
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,6 +13,7 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import Interval, TaskReferences, published
 from swarmdata.rollouts.metrics import metrics_of
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import BoxSpace
 from swarmdata.specs.task_spec import TaskSpec
@@ -18,6 +21,20 @@ from swarmdata.types import EvalResult
 
 COOP_NAV = preset("coop_nav")
 MEDIUM, EXPERT = "coop_nav-medium-v1", "coop_nav-expert-v1"
+
+
+MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
+"""Of returns, as `grid` takes them."""
+
+
+def at(value: float, half: float = 3.0) -> Estimate:
+    """An estimate with a symmetric interval."""
+    return Estimate(value, value - half, value + half)
+
+
+def csv_rows(text: str) -> list[dict[str, str]]:
+    """The rows of a CSV table."""
+    return list(csv.DictReader(io.StringIO(text)))
 
 
 def evaluation(

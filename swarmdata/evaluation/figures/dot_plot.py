@@ -60,7 +60,7 @@ def plot_by_dataset(
     path: Path,
     *,
     label: str,
-    families: Mapping[str, str] | None = None,
+    families: Mapping[str, str] = {},
     shares_axis: bool = True,
 ) -> None:
     """Draws one quantity: a panel for each dataset, a row for each algorithm, the best on top.
@@ -69,30 +69,24 @@ def plot_by_dataset(
         estimates: dataset -> algorithm -> estimate; an algorithm may be absent.
         data: dataset -> mean of its own episodes, where it is known.
         looks: color and marker of each algorithm.
-        path: where to save; the suffix is the format.
+        path: where to save.
         label: of the horizontal axes.
-        families: algorithm -> family, for the legend; None: there are none.
+        families: algorithm -> family, for the legend.
         shares_axis: whether all panels have the same horizontal axis.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
     """
-    shown = {name for found in estimates.values() for name in found}
-    rows = sorted(shown, key=lambda name: (-_mean_of(name, estimates), name))
+    values: dict[str, list[float]] = {}
+    for found in estimates.values():
+        for name, each in found.items():
+            values.setdefault(name, []).append(each.value)
+    rows = sorted(values, key=lambda name: (-sum(values[name]) / len(values[name]), name))
     panels = [
         Panel(found, label, dataset, data.get(dataset), "all" if shares_axis else "")
         for dataset, found in estimates.items()
     ]
     starts = range(0, len(panels), MAX_PANELS_IN_A_LINE)
     lines = [PanelLine(rows, panels[k : k + MAX_PANELS_IN_A_LINE]) for k in starts]
-    known = {name: kind for name, kind in (families or {}).items() if name in shown}
+    known = {name: kind for name, kind in families.items() if name in values}
     plot_dots(lines, looks, path, legend=family_legend(known, looks))
-
-
-def _mean_of(name: str, estimates: Mapping[str, Mapping[str, Estimate]]) -> float:
-    values = [found[name].value for found in estimates.values() if name in found]
-    return sum(values) / len(values)
 
 
 def family_legend(families: Mapping[str, str], looks: Looks) -> dict[str, Mapping[str, Any]]:
@@ -118,13 +112,9 @@ def plot_dots(
     Args:
         lines: from the top.
         looks: color and marker of each row; a row without one is dark.
-        path: where to save; the suffix is the format.
+        path: where to save.
         legend: text -> look; the mean of the data is added if it is drawn.
         zero: whether the panels have a line at 0.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
     """
     if not any(line.rows and line.panels for line in lines):
         raise SchemaError("there are no estimates to draw, expected at least one panel and row.")
@@ -150,7 +140,8 @@ def plot_dots(
                 axes.tick_params(axis="y", length=0, labelleft=column == 0)
                 below = lines[k + 1].panels[column : column + 1] if k + 1 < len(lines) else ()
                 _label_axis(axes, panel, below)
-        draw_legend(drawing, _handles(grid[0, 0], lines, legend))
+        has_line = any(panel.line is not None for line in lines for panel in line.panels)
+        draw_legend(drawing, marker_handles(grid[0, 0], legend, 4.2, has_line=has_line))
 
 
 def _wrapped(line: PanelLine, width: float) -> PanelLine:
@@ -239,16 +230,15 @@ def _label_axis(axes: Any, panel: Panel, below: Sequence[Panel]) -> None:
         axes.set_xlabel(panel.xlabel)
 
 
-def _handles(
-    axes: Any, lines: Sequence[PanelLine], legend: Mapping[str, Mapping[str, Any]]
+def marker_handles(
+    axes: Any, legend: Mapping[str, Mapping[str, Any]], size: float, *, has_line: bool
 ) -> list[Any]:
+    """Handles of a legend: markers of a size in points, and the mean of the data."""
     handles = [
-        axes.plot([], [], **{"ls": "none", "ms": 4.2, "mew": 0.9, **look}, label=text)[0]
+        axes.plot([], [], **{"ls": "none", "ms": size, "mew": 0.9, **look}, label=text)[0]
         for text, look in legend.items()
     ]
-    if any(panel.line is not None for line in lines for panel in line.panels):
-        handles += axes.plot([], [], **DATA_LINE, label="mean of the data")
-    return handles
+    return handles + (axes.plot([], [], **DATA_LINE, label="mean of the data") if has_line else [])
 
 
 HOLLOW_LOOK: Mapping[str, Any] = {"color": GRAY, "marker": "o", "mfc": "white"}

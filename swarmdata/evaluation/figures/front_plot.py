@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from swarmdata.drawing.style import (
     words_of,
 )
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks
+from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks, marker_handles
 from swarmdata.rollouts.score_statistics import Estimate
 
 MAX_WHOLE_POINTS = 6
@@ -59,9 +59,6 @@ class FrontPanel(NamedTuple):
         return {label: each for label, each in self.points.items() if label not in self.far}
 
 
-Limits = tuple[tuple[float, float], tuple[float, float]]
-
-
 def plot_fronts(
     panels: Mapping[str, FrontPanel],
     looks: Looks,
@@ -75,13 +72,9 @@ def plot_fronts(
     Args:
         panels: title -> points.
         looks: color and marker of each label.
-        path: where to save; the suffix is the format.
+        path: where to save.
         xlabel: of the horizontal axes, which start at 0; less is better.
         ylabel: of the vertical axes; more is better.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
     """
     if not panels:
         raise SchemaError("there are no points to draw, expected at least one panel.")
@@ -90,7 +83,10 @@ def plot_fronts(
     n_rows = math.ceil(len(panels) / n_columns)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
     shown = {label for panel in panels.values() for label in panel.points}
-    legend = {words_of(label): looks[label] for label in looks if label in shown}
+    legend: dict[str, Mapping[str, Any]] = {
+        words_of(label): looks[label] for label in looks if label in shown
+    }
+    legend["not Pareto-optimal"] = HOLLOW_LOOK
     has_line = any(panel.line is not None for panel in panels.values())
     height = min(0.4 + layout.row * n_rows, MOST_HEIGHT)
     with figure(path, width=width, height=height) as drawing:
@@ -106,10 +102,10 @@ def plot_fronts(
             axes.set_visible(False)
         drawing.supxlabel(xlabel, fontsize=8)
         drawing.supylabel(ylabel, fontsize=8)
-        draw_legend(drawing, _handles(grid[0], legend, has_line=has_line))
+        draw_legend(drawing, marker_handles(grid[0], legend, 4.5, has_line=has_line))
 
 
-def _limits(panel: FrontPanel) -> Limits:
+def _limits(panel: FrontPanel) -> tuple[tuple[float, float], tuple[float, float]]:
     """Limits that show every point, and the intervals of those that have them."""
     is_crowded = len(panel.near) > MAX_WHOLE_POINTS
     xs, ys = [0.0], [] if panel.line is None else [panel.line]
@@ -140,23 +136,7 @@ def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks) -> None:
         axes.axhline(panel.line, **DATA_LINE, zorder=0)
     draw_grid(axes, width=0.5)
     if panel.far:
-        axes.set_xlabel(_words_of_far(panel), fontsize=6, color=GRAY, loc="left")
-
-
-def _words_of_far(panel: FrontPanel) -> str:
-    listed = [
-        f"{label} ({panel.points[label][0].value:.1f}, {panel.points[label][1].value:.1f})"
-        for label in panel.far
-    ]
-    return f"not in view: {', '.join(listed)}".replace("-", "−")
-
-
-def _handles(
-    axes: Any, legend: Mapping[str, Mapping[str, Any]], *, has_line: bool
-) -> Sequence[Any]:
-    shown = {**legend, "not Pareto-optimal": HOLLOW_LOOK}
-    handles = [
-        axes.plot([], [], **{"ls": "none", "ms": 4.5, "mew": 0.9, **look}, label=text)[0]
-        for text, look in shown.items()
-    ]
-    return handles + (axes.plot([], [], **DATA_LINE, label="mean of the data") if has_line else [])
+        ends = {label: [end.value for end in panel.points[label]] for label in panel.far}
+        far = ", ".join(f"{label} ({x:.1f}, {y:.1f})" for label, (x, y) in ends.items())
+        words = f"not in view: {far}".replace("-", "−")
+        axes.set_xlabel(words, fontsize=6, color=GRAY, loc="left")

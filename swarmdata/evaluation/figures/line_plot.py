@@ -73,7 +73,7 @@ def plot_lines(
 
     Args:
         rows: from the top; they may differ in length.
-        path: where to save; the suffix is the format.
+        path: where to save.
         height: of a panel, inches.
         xlabel: of all panels.
         ylabel: of all panels.
@@ -81,10 +81,6 @@ def plot_lines(
         shares_y: which panels have the same vertical axis.
         base: what rings are, for a legend above the panels; None: lines have their names at their
             ends, and there is no legend.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
     """
     lines = [line for row in rows for panel in row for line in panel.lines]
     if not lines or not all(len(line.x) for line in lines):
@@ -92,13 +88,8 @@ def plot_lines(
     n_columns = max(map(len, rows))
     width = COLUMN_WIDTH if n_columns == 1 else max(PAGE_WIDTH, 2.1 * n_columns)
     with figure(path, width=width, height=0.5 + (height + 0.35) * len(rows)) as drawing:
-        grid = drawing.subplots(
-            len(rows),
-            n_columns,
-            squeeze=False,
-            sharey=shares_y,
-            sharex="col" if shares_x else False,
-        )
+        shared = {"sharey": shares_y, "sharex": "col" if shares_x else False}
+        grid = drawing.subplots(len(rows), n_columns, squeeze=False, **shared)
         pairs = [pair for each in zip(grid, rows, strict=True) for pair in zip_longest(*each)]
         for axes, panel in pairs:
             if panel is None:

@@ -17,14 +17,9 @@ LEAST_CONTRAST = 0.6
 ROW, GAP = 0.19, 0.3
 """Inches: height of a row; space between two groups, in rows or columns."""
 
-WIDEST_COLUMN = 0.62
-"""Inches."""
-
-SCALE_WIDTH = 1.5
-"""Inches of the color bar."""
-
-LETTER = 0.058
-"""Inches: width of a letter of 7 points."""
+WIDEST_COLUMN = 0.62  # inches
+SCALE_WIDTH = 1.5  # inches, of the color bar
+LETTER = 0.058  # inches: width of a letter of 7 points
 
 
 class MatrixCell(NamedTuple):
@@ -63,12 +58,8 @@ def plot_matrix(
         cells: (row, column) -> number; what is absent is a dot.
         rows: from the top.
         columns: from the left; of a key `group: name`, only the name is shown.
-        path: where to save; the suffix is the format.
+        path: where to save.
         notes: on colors and frames.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
     """
     if not cells:
         raise SchemaError("there are no cells to draw, expected at least one.")
@@ -103,6 +94,7 @@ class _Layout(NamedTuple):
     below: float
     width: float
     height: float
+    n_rows: float  # with the gaps between groups
     ys: Mapping[str, float]  # in rows
     xs: Mapping[str, float]  # in columns
 
@@ -110,11 +102,6 @@ class _Layout(NamedTuple):
     def font(self) -> float:
         """Points of a number: four characters fill a column."""
         return min(7.0, 28.0 * self.column)
-
-    @property
-    def n_rows(self) -> float:
-        """With the gaps between groups."""
-        return max(self.ys.values()) + 1.0
 
 
 def _layout(rows: Groups, columns: Groups, notes: Notes) -> _Layout:
@@ -128,7 +115,7 @@ def _layout(rows: Groups, columns: Groups, notes: Notes) -> _Layout:
     words = max(SCALE_WIDTH + 0.2 + LETTER * len(notes.scale), LETTER * len(notes.below)) + 0.2
     width = max(left + column * span + lean, words)
     height = row * n_rows + above + below
-    return _Layout(row, column, left, above, below, width, height, ys, xs)
+    return _Layout(row, column, left, above, below, width, height, n_rows, ys, xs)
 
 
 def _name(key: str) -> str:

@@ -140,7 +140,13 @@ def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
     """The policies of all runs; refuses runs on other data, or for other rewards."""
     targets = [find_target(str(run)) for run in runs]
     for run, target in zip(runs, targets, strict=True):
-        _check_trained_on(run, target, recipe.id, digest)
+        for each in target.provenances:
+            if (each.dataset, each.digest, each.view) != (recipe.id, digest, None):
+                view = "" if each.view is None else f" seen as {each.view}"
+                raise SpecError(
+                    f"{run} was trained on {each.dataset} with digest {str(each.digest)[:12]}"
+                    f"{view}, expected {recipe.id} as published, {digest[:12]}"
+                )
     policies = tuple(policy for target in targets for policy in target.policies)
     _check_number(policies)
     provenances = tuple(each for target in targets for each in target.provenances)
@@ -165,22 +171,8 @@ def _check_number(policies: Sequence[object]) -> None:
 
 
 def read_policy(file: Path, spec: TaskSpec) -> Policy:
-    """Reads a policy of an entry.
-
-    Raises:
-        SwarmdataError: the file holds none.
-    """
+    """Reads a policy of an entry."""
     return OnnxPolicy(file, spec) if file.suffix == ONNX_SUFFIX else load_policy(file)
-
-
-def _check_trained_on(run: Path, target: Target, dataset: str, digest: str) -> None:
-    for each in target.provenances:
-        if (each.dataset, each.digest, each.view) != (dataset, digest, None):
-            view = "" if each.view is None else f" seen as {each.view}"
-            raise SpecError(
-                f"{run} was trained on {each.dataset} with digest {str(each.digest)[:12]}{view}, "
-                f"expected {dataset} as published, {digest[:12]}"
-            )
 
 
 def sha256(path: Path) -> str:

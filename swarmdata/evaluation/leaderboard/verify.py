@@ -35,11 +35,8 @@ from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.extras import require_extra
 from swarmdata.types import Double, Seeds
 
-SECONDS = 600
-"""Most time of a verification."""
-
-GIGABYTES = 16
-"""Most memory, addresses that are not used included."""
+SECONDS = 600  # most time of a verification
+GIGABYTES = 16  # most memory, addresses that are not used included
 
 LEAST_EQUAL = 0.95
 """Of the episodes: rounding differs between processors, and contacts amplify it."""
@@ -55,19 +52,12 @@ ONNX_MARGIN = 2.0
 
 
 class Verdict(NamedTuple):
-    """What a verification found.
+    """What a verification found."""
 
-    Attributes:
-        reasons: why the entry is rejected; empty: it is verified.
-        equal: share of the reserved episodes that ended with the return that the entry says.
-        reserved: mean team return on the reserved episodes, as evaluated again.
-        fresh: the same on fresh episodes.
-    """
-
-    reasons: tuple[str, ...]
-    equal: float = 0.0
-    reserved: float = float("nan")
-    fresh: float = float("nan")
+    reasons: tuple[str, ...]  # why the entry is rejected; empty: it is verified
+    equal: float = 0.0  # share of the reserved episodes that ended with the return that it says
+    reserved: float = float("nan")  # mean team return on the reserved episodes, evaluated again
+    fresh: float = float("nan")  # the same on fresh episodes
 
     @property
     def is_verified(self) -> bool:
@@ -94,7 +84,7 @@ def verify(
         return Verdict((f"{links[0]} is a link, expected a file",))
     try:
         description = Description.from_file(entry / ENTRY)
-        reasons = (*_wrong_data(description), *_wrong_files(entry, description))
+        reasons = tuple(_wrong(entry, description))
         claimed = [] if reasons else _claimed(entry, description, n_episodes)
     except SwarmdataError as error:
         return Verdict((str(error),))
@@ -127,18 +117,14 @@ def fresh_seeds(description: Description, n_episodes: int) -> Seeds:
     return derive(first, np.arange(n_episodes)) | np.uint64(EVALUATION_BASE << 1)
 
 
-def _wrong_data(description: Description) -> Iterator[str]:
-    """What is wrong with the dataset and the number of policies."""
-    known = published()[find_recipe(description.dataset).id].digest
-    if description.digest != known:
-        yield f"its dataset has digest {description.digest[:12]}, published is {known[:12]}"
+def _wrong(entry: Path, description: Description) -> Iterator[str]:
+    """What is wrong with the dataset, the number of policies, and the files."""
+    digest = published()[find_recipe(description.dataset).id].digest
+    if description.digest != digest:
+        yield f"its dataset has digest {description.digest[:12]}, published is {digest[:12]}"
     n_policies = len(set(description.policies))
     if n_policies < LEAST_SEEDS:
         yield f"it has {n_policies} different policies, expected at least {LEAST_SEEDS}"
-
-
-def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
-    """What is wrong with the files."""
     names = dict(zip(description.files, description.policies, strict=True))
     files = {path.relative_to(entry).as_posix() for path in entry.rglob("*") if not path.is_dir()}
     known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}
@@ -153,11 +139,7 @@ def _wrong_files(entry: Path, description: Description) -> Iterator[str]:
 
 
 def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Result]:
-    """Returns the results of the policies, in their order.
-
-    Raises:
-        SchemaError: a policy has none, or it is of other seeds or another task.
-    """
+    """The results of the policies, in their order; all must be there, of these episodes."""
     found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
     by_content = {each.provenance.content: each for each in found}
     spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)
@@ -175,8 +157,7 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
 
 def _differing(reserved: Double, repeated: Double) -> Iterator[str]:
     """What is wrong with returns of episodes that were repeated, [K, <= E]."""
-    share = float((reserved[:, : repeated.shape[1]] != repeated).mean())
-    if share:
+    if share := float((reserved[:, : repeated.shape[1]] != repeated).mean()):
         yield (
             f"{share:.1%} of the episodes that its policies repeated ended with another return: "
             "they act at random, expected the same actions each time"

@@ -65,16 +65,13 @@ RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Settings of the fitted Q evaluation that the record has."""
 
 
-Unit = Literal["score", "return"]
-
-
 @dataclass(frozen=True, slots=True)
 class Scores:
     """Means over the same episodes."""
 
     values: Sequence[float | None]  # one per policy; None: not measured
     n_episodes: int
-    unit: Unit  # the normalized score, or the return where the task has no references
+    unit: Literal["score", "return"]  # the return where the task has no references
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -225,24 +222,6 @@ def _values(
     return fitted_q_evaluation(train, held_out, scale, config, progress=progress), held_out
 
 
-def _scores(
-    found: Sequence[Candidates],
-    dataset: Dataset,
-    n_episodes: int | None,
-    results: Path | None,
-    *,
-    progress: bool,
-) -> Scores | None:
-    """Scores from the simulator or from files, if any were asked for."""
-    if n_episodes is not None:
-        policies = [policy for each in found for policy in each.policies]
-        return simulate(policies, dataset, n_episodes, progress=progress)
-    if results is not None:
-        keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
-        return read_scores(keys, dataset, results)
-    return None
-
-
 def _rows(
     found: Sequence[Candidates],
     values: Values,
@@ -313,45 +292,48 @@ def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality
         if len(known) < 2:
             continue
         estimates, scores = np.array(known, dtype=np.float64).T
-        made = ranking_quality(estimates, scores)
-        value, low, high = made.spearman
-        qualities[criterion] = CriterionQuality(
-            n_policies=made.n_policies, spearman=(value, low, high), regret=made.regret
-        )
+        qualities[criterion] = CriterionQuality(**ranking_quality(estimates, scores)._asdict())
     return qualities
 
 
-def simulate(
-    policies: Sequence[Policy], dataset: Dataset, n_episodes: int, *, progress: bool = True
-) -> Scores:
-    """Evaluates policies in the dataset's task on the first reserved seeds.
+def _scores(
+    found: Sequence[Candidates],
+    dataset: Dataset,
+    n_episodes: int | None,
+    folder: Path | None,
+    *,
+    progress: bool,
+) -> Scores | None:
+    """Scores from the simulator on the first reserved seeds, or from files, if asked for."""
+    results: Sequence[EvalResult | None]
+    if n_episodes is not None:
+        policies = [policy for each in found for policy in each.policies]
+        options: dict[str, Any] = {"n_episodes": n_episodes, "progress": progress}
+        results = [
+            evaluate(policy, dataset.task, name=f"policy {k} of {len(policies)}", **options)
+            for k, policy in enumerate(policies, 1)
+        ]
+    elif folder is not None:
+        results = _read_results(found, dataset, folder)
+    else:
+        return None
+    measured = [result for result in results if result is not None]
+    check_comparable(measured)
+    values = [None if each is None else float(each.metrics["return"].mean()) for each in results]
+    if dataset.references is None:
+        return Scores(values, len(measured[0].seeds), "return")
+    scores = [None if mean is None else float(dataset.normalized_score(mean)) for mean in values]
+    return Scores(scores, len(measured[0].seeds), "score")
 
-    Raises:
-        SpecError: the dataset was recorded in another environment.
-    """
-    names = [f"policy {index} of {len(policies)}" for index in range(1, len(policies) + 1)]
-    results = [
-        evaluate(policy, dataset.task, name=name, n_episodes=n_episodes, progress=progress)
-        for name, policy in zip(names, policies, strict=True)
-    ]
-    return _as_scores(results, dataset)
 
-
-def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder: Path) -> Scores:
-    """Reads results of `evaluate --out` in the dataset's world and models.
-
-    Args:
-        keys: `run_hash` of each policy's run and its training seed; None instead of the hash for a
-            policy without results.
-        dataset: of their training.
-        folder: with the result files.
-
-    Raises:
-        SchemaError: there are no results of these policies, or they have different episodes.
-    """
+def _read_results(
+    found: Sequence[Candidates], dataset: Dataset, folder: Path
+) -> list[EvalResult | None]:
+    """Results of `evaluate --out` in the dataset's world and models; at least one must be there."""
     paths = sorted(folder.glob("*.json"))
     results = [result for result in map(load_result, paths) if result.spec == dataset.spec]
     known = {(r.provenance.content, r.provenance.seed): r.evaluation for r in results}
+    keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
     chosen = [None if key[0] is None else known.get(key) for key in keys]
     if all(each is None for each in chosen):
         raise SchemaError(
@@ -359,17 +341,4 @@ def read_scores(keys: Sequence[tuple[str | None, int]], dataset: Dataset, folder
             "of the data, but none of the last checkpoints of these runs. Evaluate these first: "
             "swarmdata evaluate RUN... --out FOLDER."
         )
-    return _as_scores(chosen, dataset)
-
-
-def _as_scores(results: Sequence[EvalResult | None], dataset: Dataset) -> Scores:
-    measured = [result for result in results if result is not None]
-    check_comparable(measured)
-    values = [None if each is None else _mean_score(each, dataset) for each in results]
-    unit: Unit = "return" if dataset.references is None else "score"
-    return Scores(values, len(measured[0].seeds), unit)
-
-
-def _mean_score(result: EvalResult, dataset: Dataset) -> float:
-    mean = float(result.metrics["return"].mean())
-    return mean if dataset.references is None else float(dataset.normalized_score(mean))
+    return chosen

@@ -42,19 +42,14 @@ def spearman(estimates: Double, scores: Double) -> Double:
 
 
 def regret(estimates: Double, scores: Double, k: int = 1) -> float:
-    """Returns how much worse the best of the k chosen policies is than the best of all.
+    """Returns how much worse the best of the k chosen policies is than the best of all, [n] each.
 
     Regret@k = max_i V_i - max_{j in top-k} V_j (Fu et al. 2021, section 4), with top-k by estimate.
     Among equal estimates the worst policies are chosen, which gives the largest regret of all
     orders of ties.
 
-    Args:
-        estimates: by the criterion, higher is better, [n].
-        scores: of the policies, [n].
-        k: number of policies that may be tried, 1 to n.
-
     Raises:
-        SchemaError: the arrays differ in shape or are not finite, or k is out of range.
+        SchemaError: the arrays differ in shape or are not finite, or k is not from 1 to n.
     """
     _check(estimates, scores)
     if not 1 <= k <= len(scores):
@@ -68,14 +63,10 @@ TOP = (1, 3)
 
 
 def ranking_quality(estimates: Double, scores: Double) -> Quality:
-    """Measures how well a criterion agrees with the scores of the same policies.
+    """Measures how well a criterion, higher is better, agrees with scores of policies, [n] each.
 
     The interval is a percentile bootstrap over policies: pairs of estimate and score are drawn with
     replacement. Policies of one run share data and settings, so it tends to be too narrow.
-
-    Args:
-        estimates: by the criterion, higher is better, [n].
-        scores: of the policies, [n].
 
     Raises:
         SchemaError: fewer than two policies, or arrays that differ in shape or are not finite.
@@ -93,14 +84,11 @@ def ranking_quality(estimates: Double, scores: Double) -> Quality:
 
 
 def pessimistic_value(values: Double) -> float:
-    """Returns the lower end of the 95 % bootstrap interval of the least fit's mean.
+    """Returns the lower end of the 95 % bootstrap interval of the least fit's mean, of [M, E].
 
-    A policy that left the data is overrated by some fits and not by others, so the least of them is
-    trusted (as in the targets of Fujimoto et al. 2018, eq. 10), and no more than what its initial
-    states support.
-
-    Args:
-        values: of M fits from E initial states, [M, E].
+    A policy that left the data is overrated by some of the M fits and not by others, so the least
+    of them is trusted (as in the targets of Fujimoto et al. 2018, eq. 10), and no more than what
+    its E initial states support.
     """
 
     def least_mean(tables: Double) -> Double:

@@ -40,9 +40,7 @@ class RankedPolicy(Frozen):
     update: int
     fqe: Interval  # discounted team return; the interval is over initial states
     fqe_pessimistic: float  # the least of the fits, at the lower end of its interval
-    fqe_curve: tuple[
-        float, ...
-    ]  # the value during the fit; it has not converged if it still changes
+    fqe_curve: tuple[float, ...]  # during the fit; it has not converged if it still changes
     fqe_residual: float  # root mean square of Q - y on the validation split
     fqe_clipped: float  # share of the last targets that the bound clipped
     imitation_error: float

@@ -34,19 +34,14 @@ def comparable_scores(results: ResultSet) -> ComparableScores:
 
     Datasets without a score are left out.
     """
-    cases = results.cases
-    names = tuple(case.name for case in cases if case.reference is not None)
-    left_out = {
-        case.name: "no references were measured in its world"
-        for case in cases
-        if case.reference is None
-    }
+    names = tuple(case.name for case in results.cases if case.reference is not None)
+    without = (case.name for case in results.cases if case.reference is None)
+    left_out = dict.fromkeys(without, "no references were measured in its world")
     tables = {}
     for label in results.labels if names else ():
         found = results.scores[label]
-        absent = [name for name in names if name not in found]
         counts = {len(found[name]) for name in names if name in found}
-        if absent:
+        if absent := [name for name in names if name not in found]:
             few = ", ".join(absent) if len(absent) <= 3 else f"{len(absent)} of them"
             left_out[label] = f"not measured on {few}"
         elif len(counts) > 1:
@@ -65,11 +60,7 @@ class Aggregate(NamedTuple):
 
 
 def aggregates(tables: Mapping[str, Double]) -> dict[str, Aggregate]:
-    """Computes the aggregates of each label.
-
-    Args:
-        tables: label -> scores [runs, datasets, episodes], such as `ComparableScores.tables`.
-    """
+    """The aggregates of each label, of scores [runs, datasets, episodes]."""
     return {
         label: Aggregate(
             len(table), _mean_over_datasets(table), optimality_gap(table.mean(axis=-1))
@@ -100,23 +91,15 @@ def optimality_gap(scores: Double) -> float:
 
 
 def performance_profile(scores: Double, thresholds: Double) -> Double:
-    """Share of the measured runs whose score is above each threshold.
+    """Share of the measured runs [runs, datasets] above each threshold [P], from 0 to 1, [P].
 
     F(tau) = 1/M sum_m 1/N sum_n 1[x_mn > tau], the score distribution of section 4.2.
-
-    Args:
-        scores: of N runs on M datasets, [runs, datasets].
-        thresholds: [P].
-
-    Returns:
-        Shares from 0 to 1, [P].
     """
-    above = scores[..., None] > thresholds
-    return np.asarray(above.mean(axis=(0, 1)))
+    return np.asarray((scores[..., None] > thresholds).mean(axis=(0, 1)))
 
 
-def thresholds_of(tables: Mapping[str, Double], n: int = 301) -> Double:
-    """Returns thresholds from the lowest score to the highest, and at least from 0 to 100, [n].
+def thresholds_of(tables: Mapping[str, Double]) -> Double:
+    """Returns thresholds from the lowest score to the highest, and at least from 0 to 100, [301].
 
     Raises:
         SchemaError: there are no tables.
@@ -125,17 +108,13 @@ def thresholds_of(tables: Mapping[str, Double], n: int = 301) -> Double:
         raise SchemaError("there are no scores to draw a profile of, expected at least one label.")
     low = min(float(table.min()) for table in tables.values())
     high = max(float(table.max()) for table in tables.values())
-    return np.linspace(min(low, 0.0) - 1.0, max(high, 100.0) + 1.0, n)
+    return np.linspace(min(low, 0.0) - 1.0, max(high, 100.0) + 1.0, 301)
 
 
 def differences(tables: Mapping[str, Double]) -> dict[tuple[str, str], Estimate]:
     """Mean score of one label minus that of another over the datasets, paired by episode.
 
-    Args:
-        tables: label -> scores [runs, datasets, episodes].
-
-    Returns:
-        (label, other) -> difference, for all pairs of different labels.
+    Scores are [runs, datasets, episodes]. The keys are all pairs (label, other) of different ones.
     """
     return {
         (one, other): _mean_over_datasets(tables[one], tables[other])
@@ -146,12 +125,7 @@ def differences(tables: Mapping[str, Double]) -> dict[tuple[str, str], Estimate]
 
 
 def pareto_front(values: Sequence[float], costs: Sequence[float]) -> Bool:
-    """Returns which points are Pareto-optimal: no other has at least the value at no more cost.
-
-    Args:
-        values: higher is better, [n].
-        costs: lower is better, [n].
-    """
+    """Returns which points [n] are Pareto-optimal: no other has as much value at no more cost."""
     value, cost = np.asarray(values, np.float64), np.asarray(costs, np.float64)
     as_good = (value[None, :] >= value[:, None]) & (cost[None, :] <= cost[:, None])  # [n, other]
     better = (value[None, :] > value[:, None]) | (cost[None, :] < cost[:, None])

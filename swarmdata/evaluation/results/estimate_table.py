@@ -36,6 +36,10 @@ class Column:
         """Label with unit."""
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
+    def shown(self, estimate: Estimate) -> Estimate:
+        """An estimate in the unit of tables and figures."""
+        return Estimate(*(self.factor * end for end in estimate))
+
 
 @dataclass(frozen=True, slots=True)
 class Row:
@@ -107,10 +111,8 @@ class Table:
             if key not in known:
                 raise UnknownNameError("column", key, known)
             column = self.columns[known[key]]
-            chosen[column.header] = {
-                row.label: Estimate(*(column.factor * v for v in row.estimates[known[key]]))
-                for row in self.rows
-            }
+            rows = {row.label: row.estimates[known[key]] for row in self.rows}
+            chosen[column.header] = {label: column.shown(each) for label, each in rows.items()}
         return chosen
 
     def _grid(self) -> list[list[str]]:

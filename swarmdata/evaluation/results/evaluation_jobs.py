@@ -73,12 +73,7 @@ class Evaluation(Frozen):
         return f"policy {self.policy} of {self.provenance.label}"
 
     def job(self, *, again: bool, n_threads: int) -> Job:
-        """What makes the result.
-
-        Args:
-            again: whether one that is there is replaced.
-            n_threads: of the process that makes it.
-        """
+        """What makes the result; `again`: whether one that is there is replaced."""
         here = self.model_copy(update={"folder": self.folder.resolve()})
         evaluation = here.model_dump(mode="json")
         payload = {"evaluation": evaluation, "again": again, "n_threads": n_threads}
@@ -99,24 +94,17 @@ def evaluations_of(
     spec: TaskSpec | None = None,
     block: SeedBlock = "evaluation",
 ) -> list[Evaluation]:
-    """Returns the evaluations of all policies of a target.
+    """Returns the evaluations of all policies of a target, which its source finds.
 
-    Args:
-        source: of the target.
-        target: what it finds.
-        n_episodes: number of seeds, from the first of the block.
-        folder: of the result files.
-        spec: to evaluate in; None: that of the target.
-        block: the reserved `evaluation` seeds, or the `validation` seeds.
+    They are in its spec unless another is given, on the first seeds of a block.
     """
-    found = target.spec if spec is None else spec
-    shared: dict[str, Any] = {
-        "source": source, "spec": found, "side": target.side, "n_episodes": n_episodes,
-    }  # fmt: skip
     return [
-        Evaluation(policy=index, provenance=provenance, block=block, folder=folder, **shared)
+        Evaluation(
+            source=source, policy=index, provenance=provenance, spec=spec or target.spec,
+            side=target.side, n_episodes=n_episodes, block=block, folder=folder,
+        )
         for index, provenance in enumerate(target.provenances)
-    ]
+    ]  # fmt: skip
 
 
 def run_evaluations(

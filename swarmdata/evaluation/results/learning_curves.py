@@ -10,16 +10,12 @@ import numpy as np
 
 from swarmdata.drawing.style import line_looks, line_style
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.figures.dot_plot import Looks
 from swarmdata.evaluation.figures.line_plot import Line, LinePanel, plot_lines
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, Bounds, seed_interval
 from swarmdata.types import Double
 
-LAST_PART = 0.2
-"""Share of training whose gain tells whether a curve has leveled off."""
-
-CURVE_HEIGHT = 1.8
-"""Inches of a panel of curves."""
+LAST_PART = 0.2  # share of training whose gain tells whether a curve has leveled off
+CURVE_HEIGHT = 1.8  # inches, of a panel of curves
 
 METRIC_ROWS = (("success", "team success (%)", 100.0), ("return", "team return", 1.0))
 """Rows of the figure of online learning: column, label with unit, factor to that unit."""
@@ -102,34 +98,30 @@ def plot_curves(
     *,
     ylabel: str,
     xlabel: str = "gradient updates",
-    references: Mapping[str, float] | None = None,
+    references: Mapping[str, float] = {},
     factor: float = 1.0,
-    looks: Looks | None = None,
+    looks: Mapping[str, Mapping[str, str]] = {},
 ) -> None:
     """Draws one mean line per label in a band from the lowest to the highest run.
 
     Args:
         curves: label -> its runs.
-        path: where to save; the suffix is the format.
+        path: where to save.
         ylabel: of the metric, with unit.
         xlabel: of the progress.
         references: label -> height of a dashed line, such as the mean of the dataset.
         factor: from values and references to the unit of the axis: 100 for percentages.
-        looks: color and marker of each label; None, or if one is absent: colors in their order.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
+        looks: color and marker of each label; where one is absent, colors are in their order.
     """
     styles = {label: line_style(k) for k, label in enumerate(curves)}
-    if looks is not None and set(curves) <= set(looks):
+    if set(curves) <= set(looks):
         styles = line_looks({label: looks[label] for label in curves})
     names = {
         label: f"{label} ({len(curve.values)} seeds)" if len(curve.values) > 1 else label
         for label, curve in curves.items()
     }
     lines = [curve_line(names[k], curve, styles[k], factor) for k, curve in curves.items()]
-    levels = {label: factor * height for label, height in (references or {}).items()}
+    levels = {label: factor * height for label, height in references.items()}
     panel = LinePanel("", lines, xlabel, ylabel, levels, counts=True)
     plot_lines([[panel]], path, height=CURVE_HEIGHT)
 
@@ -141,14 +133,12 @@ def plot_learning(files: Mapping[str, Mapping[str, Sequence[Path]]], out: Path) 
     episodes; its label with the number of runs stands at its end.
 
     Args:
-        files: task -> algorithm -> files with the columns `frames`, `success`, `return` and, if
-            a file has several runs, `seed`.
-        out: where to save; the suffix is the format.
+        files: task -> algorithm -> files with the columns `frames`, `success`, `return` and, if a
+            file has several runs, `seed`.
+        out: where to save.
 
     Raises:
-        SchemaError: there is nothing to draw, a file is malformed, runs of a line were measured at
-            different points, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
+        SchemaError: a file is malformed, or runs of a line were measured at different points.
     """
     algorithms = dict.fromkeys(name for lines in files.values() for name in lines)
     styles = {name: line_style(k) for k, name in enumerate(algorithms)}
@@ -157,11 +147,14 @@ def plot_learning(files: Mapping[str, Mapping[str, Sequence[Path]]], out: Path) 
         is_share = factor != 1.0
         rows.append([])
         for k, (task, files_of) in enumerate(files.items()):
-            lines = [
-                _interval_line(name, read_curve(paths, column, progress="frames"), styles[name],
-                               factor, SHARE if is_share else UNBOUNDED)
-                for name, paths in files_of.items()
-            ]  # fmt: skip
+            lines = []
+            for name, paths in files_of.items():
+                curve = read_curve(paths, column, progress="frames")
+                ends = interval_of(curve, SHARE if is_share else UNBOUNDED)
+                means = factor * np.stack([curve.values.mean(axis=0), *ends])
+                n_runs = len(curve.values)
+                label = f"{name} ({n_runs} {'run' if n_runs == 1 else 'runs'})"
+                lines.append(Line(label, curve.progress, means, styles[name]))
             panel = LinePanel(
                 title=task if len(rows) == 1 else "",
                 lines=lines,
@@ -172,12 +165,3 @@ def plot_learning(files: Mapping[str, Mapping[str, Sequence[Path]]], out: Path) 
             )
             rows[-1].append(panel)
     plot_lines(rows, out, height=CURVE_HEIGHT, shares_x=True)
-
-
-def _interval_line(
-    name: str, curve: Curve, look: Mapping[str, Any], factor: float, bounds: Bounds
-) -> Line:
-    n_runs = len(curve.values)
-    ends = np.stack([curve.values.mean(axis=0), *interval_of(curve, bounds)])
-    label = f"{name} ({n_runs} {'run' if n_runs == 1 else 'runs'})"
-    return Line(label, curve.progress, factor * ends, look)

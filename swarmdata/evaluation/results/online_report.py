@@ -62,15 +62,7 @@ def read_training(run: Path) -> Training:
 
 
 def write_online_report(runs: Sequence[Path], out: Path, *, suffix: str = ".png") -> str:
-    """Writes `<task>-<algorithm>.csv` for each run, `table.md` and `learning.png`.
-
-    Args:
-        runs: folders, one for each algorithm and task.
-        out: folder to write to.
-        suffix: of the figure: `.png`, `.svg` or `.pdf`.
-
-    Returns:
-        The table, as Markdown.
+    """Writes `<task>-<algorithm>.csv` for each run, `table.md` and the figure; returns the table.
 
     Raises:
         OutputError: `out` has files that no such report wrote.
@@ -90,20 +82,13 @@ def write_online_report(runs: Sequence[Path], out: Path, *, suffix: str = ".png"
         files: dict[str, dict[str, list[Path]]] = {}
         for training in trainings:
             file = folder / f"{training.task}-{training.algorithm}.csv"
-            file.write_bytes(_curve(training))
+            rows = [row for curve in training.curves for row in curve]
+            rows.sort(key=lambda row: (row["frames"], row["seed"]))
+            file.write_bytes(to_csv(rows, ".6g").encode())
             files.setdefault(training.task, {})[training.algorithm] = [file]
         (folder / "table.md").write_text(table, encoding="utf-8")
         plot_learning(files, folder / f"learning{suffix}")
     return table
-
-
-def _curve(training: Training) -> bytes:
-    """The rows of all seeds as CSV, in the order of training."""
-    rows = sorted(
-        (row for curve in training.curves for row in curve),
-        key=lambda row: (row["frames"], row["seed"]),
-    )
-    return to_csv(rows, ".6g").encode()
 
 
 def _cells(training: Training) -> tuple[str, ...]:

@@ -87,13 +87,9 @@ Choose = Callable[..., TaskSpec]
 
 
 def _evaluation_spec(policy: str, trained: TaskSpec, choose: Choose, *, is_fixed: bool) -> TaskSpec:
-    """Returns the spec to evaluate a policy in.
+    """Returns the spec to evaluate a policy in: that of its training with the models asked for.
 
-    Args:
-        policy: name for messages.
-        trained: spec that it was made for.
-        choose: returns it with the models that were asked for.
-        is_fixed: whether it reads observations and so needs the features of its training.
+    A fixed policy reads observations, and so needs the features of its training.
     """
     spec = choose(trained)
     if is_fixed and spec != trained:
@@ -200,11 +196,7 @@ def own_dataset(name: str) -> Path | None:
 
 
 def check_no_task(dataset: str, task: str | None) -> None:
-    """Refuses a task for a dataset's policies, which would not act in it.
-
-    Raises:
-        SpecError: there is one.
-    """
+    """Refuses a task for a dataset's policies, which would not act in it."""
     if task is not None:
         raise SpecError(
             f"{dataset} is a dataset, whose policies act in its own task, not in {task}; leave the "
@@ -307,12 +299,7 @@ def _registered_target(
 
 
 def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
-    """Who plays against a side, as `play_sides` takes it, and its name in results.
-
-    Raises:
-        UnknownNameError: nothing has that name.
-        SpecError: a run was not trained for another side of this task.
-    """
+    """Who plays against a side, as `play_sides` takes it, and its name in results."""
     if (run := find_run(name)) is not None:
         found = open_run(run)
         other = found.side
@@ -329,11 +316,7 @@ def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]
 
 
 def _refuse_sides(name: str, side: str | None, opponents: str | None) -> None:
-    """Refuses sides for what plays all of them.
-
-    Raises:
-        SpecError: there are some.
-    """
+    """Refuses sides for what plays all of them."""
     given = {"side": side, "opponents": opponents}
     if named := [f"{each} (--{each})" for each, value in given.items() if value is not None]:
         raise SpecError(

@@ -8,7 +8,6 @@
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cache
-from pathlib import Path
 from typing import TypeVar
 
 from swarmdata.errors import ResultsError
@@ -117,22 +116,17 @@ def _mixed_specs(results: Sequence[Result]) -> Iterator[str]:
     for key, group in groups.items():
         if any(each.provenance.dataset for each in group):
             continue
-        others = [k for k in groups if k != key and _is_same_world(specs[key], specs[k])]
+        others = [k for k in groups if k != key and _are_of_one_world(specs[key], specs[k])]
         if others:
             yield (
                 f"{_names(group)}: measured under other models than {_names(groups[others[0]])}: "
-                f"{_models(specs[key])}; {_models(specs[others[0]])}. Evaluate all under one pair."
+                f"{'; '.join(describe(w) for k in (key, others[0]) if (w := specs[k].world))}. "
+                "Evaluate all under one pair."
             )
 
 
-def _is_same_world(one: Spec, other: Spec) -> bool:
-    if one.world is None or other.world is None:
-        return False
-    return is_same_world(one.world, other.world)
-
-
-def _models(spec: Spec) -> str:
-    return describe(spec.world) if spec.world else "an environment of another library"
+def _are_of_one_world(one: Spec, other: Spec) -> bool:
+    return bool(one.world and other.world and is_same_world(one.world, other.world))
 
 
 def _world(result: Result) -> str:
@@ -181,11 +175,9 @@ def _groups(results: Sequence[Result], of: Callable[[Result], Key]) -> dict[Key,
 
 def _names(results: Sequence[Result]) -> str:
     """The files or the labels of some results."""
-    names = [_name(result) for result in results]
+    names = [
+        f"{each.provenance.label}-{each.provenance.index}" if each.path is None else str(each.path)
+        for each in results
+    ]
     more = f" and {len(names) - MAX_NAMED_FILES} more" if len(names) > MAX_NAMED_FILES else ""
     return ", ".join(names[:MAX_NAMED_FILES]) + more
-
-
-def _name(result: Result) -> str:
-    path: Path | None = result.path
-    return str(path) if path is not None else f"{result.provenance.label}-{result.provenance.index}"

@@ -57,10 +57,7 @@ def episode_values(case: Case, result: Result) -> dict[str, Double]:
     if case.spec.world is not None:
         values["time_to_goal"] = metrics.censored_times(values["time_to_goal"], case.time_limit)
     if case.reference is not None:
-        values = {
-            "score": normalized_score(values["return"], case.reference),
-            **values,
-        }
+        values = {"score": normalized_score(values["return"], case.reference), **values}
     return values
 
 

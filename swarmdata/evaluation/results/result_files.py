@@ -23,7 +23,7 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.output_folder import check_vacant
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec, Spec
-from swarmdata.types import Double, EvalResult, shortened
+from swarmdata.types import EvalResult, shortened
 
 FORMAT = "swarmdata-evaluation"
 FORMAT_VERSION = 2
@@ -123,7 +123,10 @@ def save_result(result: Result, folder: Path | str) -> Path:
         "spec_hash": evaluation.spec_hash,
         "spec": result.spec.model_dump(mode="json"),
         "seeds": evaluation.seeds.tolist(),
-        "metrics": {name: _to_json(values) for name, values in evaluation.metrics.items()},
+        "metrics": {  # JSON lacks NaN, and the writer refuses infinities
+            name: [None if math.isnan(value) else value for value in values.tolist()]
+            for name, values in evaluation.metrics.items()
+        },
     }
     try:
         text = json.dumps(document, allow_nan=False, separators=(",", ":"))
@@ -148,11 +151,6 @@ def with_relative_run(provenance: Provenance, folder: Path) -> Provenance:
         return provenance
     run = Path(os.path.relpath(provenance.run, folder.resolve())).as_posix()
     return provenance.model_copy(update={"run": run})
-
-
-def _to_json(values: Double) -> list[float | None]:
-    """Replaces NaN, which JSON lacks, by None; the writer refuses infinities."""
-    return [None if math.isnan(value) else value for value in values.tolist()]
 
 
 def load_result(path: Path) -> Result:

@@ -1,14 +1,12 @@
 """Figures of a result set: scores, performance profiles, comparisons, Pareto fronts, estimates.
 
-A label has the same color and marker in all of them.
+A label has the same color and marker in all of them. Errors are those of `evaluation.figures`.
 """
 
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from swarmdata.drawing.style import (
-    COLORS,
     COLUMN_WIDTH,
     GRAY,
     draw_grid,
@@ -52,10 +50,8 @@ BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
 def looks_of(trained: Mapping[str, str], others: Collection[str] = ()) -> dict[str, dict[str, str]]:
     """Returns the color and marker of each label, by name, so that all figures of a report agree.
 
-    Args:
-        trained: label -> algorithm, of labels that learned from data: an algorithm has a color, its
-            labels have markers.
-        others: labels that did not; all are gray.
+    An algorithm has a color, and its labels, which learned from data, have markers; others are
+    gray.
     """
     looks = family_looks(dict(sorted(trained.items())))
     for k, label in enumerate(sorted(set(others) - set(trained))):
@@ -65,10 +61,7 @@ def looks_of(trained: Mapping[str, str], others: Collection[str] = ()) -> dict[s
 
 def result_looks(results: ResultSet) -> dict[str, dict[str, str]]:
     """The looks of all labels of a result set, baselines included."""
-    return _looks_in([*results.cases, *results.baselines])
-
-
-def _looks_in(cases: Collection[Case]) -> dict[str, dict[str, str]]:
+    cases = (*results.cases, *results.baselines)
     trained = {
         label: case.runs[label][0].provenance.algorithm or label
         for case in cases
@@ -78,30 +71,16 @@ def _looks_in(cases: Collection[Case]) -> dict[str, dict[str, str]]:
 
 
 def plot_result_scores(results: ResultSet, path: Path) -> None:
-    """Draws the score of every label on every dataset with its interval, and the mean of the data.
-
-    Args:
-        results: to draw; datasets without a score are left out.
-        path: where to save; the suffix is the format.
-
-    Raises:
-        SchemaError: no dataset has a score, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
-    """
+    """Draws the score of every label on every dataset that has one, and the mean of the data."""
     cases = [case for case in results.cases if case.reference is not None]
     if not cases:
         raise SchemaError("no dataset has scores to draw: no references were measured.")
-    found = {
-        without_version(case.name): {
-            label: mean_interval(case.scores(label))
-            for label in results.labels
-            if label in case.runs
-        }
-        for case in cases
-    }
-    data = {
-        without_version(case.name): case.data_score for case in cases if case.data_score is not None
-    }
+    found, data = {}, {}
+    for case in cases:
+        name, labels = without_version(case.name), (k for k in results.labels if k in case.runs)
+        found[name] = {label: mean_interval(case.scores(label)) for label in labels}
+        if case.data_score is not None:
+            data[name] = case.data_score
     label = "score (0 no skill, 100 expert)"
     plot_by_dataset(found, data, result_looks(results), path, label=label)
 
@@ -112,11 +91,7 @@ def plot_score_profiles(tables: Mapping[str, Double], looks: Looks, path: Path) 
     Args:
         tables: label -> scores [runs, datasets, episodes], such as `ComparableScores.tables`.
         looks: color and marker of each label.
-        path: where to save; the suffix is the format.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
+        path: where to save.
     """
     runs = {label: table.mean(axis=-1) for label, table in tables.items()}
     thresholds = thresholds_of(runs)
@@ -140,12 +115,8 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
     """Draws the mean score of each label (a row) minus that of each worse one (a column).
 
     Args:
-        tables: label -> scores [runs, datasets, episodes].
-        path: where to save; the suffix is the format.
-
-    Raises:
-        SchemaError: there are fewer than two labels, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
+        tables: label -> scores [runs, datasets, episodes], of two labels or more.
+        path: where to save.
     """
     labels = sorted(tables, key=lambda label: (-float(tables[label].mean()), label))
     if len(labels) < 2:
@@ -162,21 +133,13 @@ def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
     plot_matrix(cells, {"": rows}, {"": columns}, path, notes)
 
 
-def plot_pareto(cases: Collection[Case], path: Path, looks: Looks | None = None) -> None:
+def plot_pareto(cases: Collection[Case], path: Path, looks: Looks) -> None:
     """Draws return against collisions, a panel per case; a line joins the Pareto-optimal labels.
 
-    Args:
-        cases: of tasks of this library.
-        path: where to save; the suffix is the format.
-        looks: color and marker of each label; None: by algorithm.
-
-    Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
+    The cases are of tasks of this library.
     """
     panels = {without_version(case.name): _front_of(case) for case in cases}
-    known = _looks_in(cases) if looks is None else looks
-    plot_fronts(panels, known, path, xlabel="collisions per episode", ylabel="team return")
+    plot_fronts(panels, looks, path, xlabel="collisions per episode", ylabel="team return")
 
 
 def _front_of(case: Case) -> FrontPanel:
@@ -205,28 +168,14 @@ def _far_from_trained(case: Case, points: Sequence[Point]) -> list[str]:
     return [p.label for p in points if not low <= p.team_return.value <= high]
 
 
-def plot_estimates(
-    panels: Mapping[str, Mapping[str, Estimate]], path: Path, looks: Looks | None = None
-) -> None:
-    """Draws estimates as points with intervals: one panel per quantity, one row per policy.
+def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path, looks: Looks) -> None:
+    """Draws a panel per quantity with a row per policy, the first one on top.
 
     Args:
-        panels: axis label with unit -> policy -> estimate in that unit, as `Table.panels` returns
-            it; all panels have the same policies, the first one on top.
-        path: where to save; the suffix is the format.
-        looks: color and marker of each policy; None: all alike.
-
-    Raises:
-        SchemaError: there is nothing to draw, panels differ in policies, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
+        panels: axis label with unit -> policy -> estimate in that unit, as of `Table.panels`.
+        path: where to save.
+        looks: color and marker of each policy.
     """
-    rows = [list(estimates) for estimates in panels.values()]
-    if not rows or not rows[0] or any(labels != rows[0] for labels in rows):
-        raise SchemaError(
-            f"panels {list(panels)} have the rows {rows}, expected at least one panel and row, and "
-            "the same rows in every panel."
-        )
-    plain: dict[str, Any] = {"color": COLORS[0], "marker": "o"}
-    shown = dict.fromkeys(rows[0], plain) if looks is None else looks
+    rows = next((list(estimates) for estimates in panels.values()), [])
     drawn = [Panel(estimates, xlabel) for xlabel, estimates in panels.items()]
-    plot_dots([PanelLine(rows[0], drawn)], shown, path, legend={})
+    plot_dots([PanelLine(rows, drawn)], looks, path, legend={})

@@ -4,6 +4,7 @@ Results that are stale or cannot be compared are refused with one error.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -148,18 +149,11 @@ class ResultSet:
     @cached_property
     def scores(self) -> Mapping[str, Mapping[str, Double]]:
         """Label -> dataset -> scores [runs, episodes], of datasets that have a score."""
-        return MappingProxyType(
-            {
-                label: MappingProxyType(
-                    {
-                        case.name: case.scores(label)
-                        for case in self.cases
-                        if label in case.runs and case.reference is not None
-                    }
-                )
-                for label in self.labels
-            }
-        )
+        scored = [case for case in self.cases if case.reference is not None]
+        return {
+            label: {case.name: case.scores(label) for case in scored if label in case.runs}
+            for label in self.labels
+        }
 
     def case(self, dataset: str) -> Case:
         """Returns the case of a dataset.
@@ -297,17 +291,11 @@ def _data_figures(
     entry = published().get(dataset)
     if entry is not None and entry.digest == digest:
         return entry
-    for folder in (*map(Path, folders), *_cached(dataset)):
+    known = [Path(folder) for folder in folders]
+    with suppress(UnknownNameError):  # an unpublished dataset outside the cache
+        known += [each for each in (find_folder(dataset),) if (each / "manifest.json").exists()]
+    for folder in known:
         stored = open_store(folder, "none")
         if stored.manifest.digest == digest:
             return figures_of(stored.table)
     return None
-
-
-def _cached(dataset: str) -> list[Path]:
-    """The folder of a dataset in the cache, if it is there."""
-    try:
-        folder = find_folder(dataset)
-    except UnknownNameError:
-        return []  # an unpublished dataset outside the cache
-    return [folder] if (folder / "manifest.json").exists() else []

@@ -4,7 +4,7 @@ They also show what the dataset's own episodes achieved, with action noise.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -40,38 +40,36 @@ class Quantity:
     """A column, its values, and its mean over the dataset's own episodes."""
 
     column: Column
-    values: Callable[[Case, str], Double]  # of a label, [runs, episodes]
-    data: Callable[[Case], float | None]  # None: unknown
-    limit: Callable[[Case], float] = lambda _: math.inf  # largest value in a case
+    figure: str = ""  # that mean in `Figures`; empty: unknown
+
+    def values(self, case: Case, label: str) -> Double:
+        """Of a label, [runs, episodes]; an unsolved episode counts as the horizon in times."""
+        key = self.column.key
+        if key == "score":
+            return case.scores(label)
+        found = case.metric(label, key)
+        return metrics.censored_times(found, case.time_limit) if key == "time_to_goal" else found
+
+    def data(self, case: Case) -> float | None:
+        """Of the dataset's own episodes; None: unknown."""
+        if self.column.key == "score":
+            return case.data_score
+        known = case.data is not None and self.figure
+        return float(getattr(case.data, self.figure)) if known else None
+
+    def limit(self, case: Case) -> float:
+        """The largest value in a case."""
+        if self.column.key == "time_to_goal":
+            return case.time_limit
+        steps = case.spec.horizon if self.column.key == "length" else None
+        return steps or math.inf
 
 
-def _metric(name: str) -> Callable[[Case, str], Double]:
-    return lambda case, label: case.metric(label, name)
-
-
-def _data_figure(name: str) -> Callable[[Case], float | None]:
-    return lambda case: None if case.data is None else float(getattr(case.data, name))
-
-
-def _unknown(_: Case) -> float | None:
-    return None
-
-
-def _time_to_goal(case: Case, label: str) -> Double:
-    """Time to goal; an unsolved episode counts as the horizon."""
-    return metrics.censored_times(case.metric(label, "time_to_goal"), case.time_limit)
-
-
-SCORE = Quantity(
-    Column("score", "score", "", 1),
-    lambda case, label: case.scores(label),
-    lambda case: case.data_score,
-)
-RETURN = Quantity(Column("return", "return", "", 2), _metric("return"), _data_figure("mean_return"))
-SUCCESS = Quantity(
-    Column("success", "success", "%", 1, 100.0, is_rate=True),
-    _metric("success"),
-    _data_figure("success"),
+SCORE = Quantity(Column("score", "score", "", 1))
+RETURN = Quantity(Column("return", "return", "", 2), "mean_return")
+SUCCESS = Quantity(Column("success", "success", "%", 1, 100.0, is_rate=True), "success")
+CLEAN_SUCCESS = Quantity(
+    Column("clean_success", "clean success", "%", 1, 100.0, is_rate=True), "clean_success"
 )
 
 QUANTITIES: Mapping[str, Quantity] = {
@@ -80,41 +78,16 @@ QUANTITIES: Mapping[str, Quantity] = {
         SCORE,
         RETURN,
         SUCCESS,
-        Quantity(
-            Column("clean_success", "clean success", "%", 1, 100.0, is_rate=True),
-            _metric("clean_success"),
-            _data_figure("clean_success"),
-        ),
-        Quantity(
-            Column("robot_collisions", "robot collisions", "", 2, bounds=AT_LEAST_ZERO),
-            _metric("robot_collisions"),
-            _unknown,
-        ),
-        Quantity(
-            Column("obstacle_collisions", "obstacle collisions", "", 2, bounds=AT_LEAST_ZERO),
-            _metric("obstacle_collisions"),
-            _unknown,
-        ),
-        Quantity(
-            Column("time_to_goal", "time to goal", "s", 1, bounds=AT_LEAST_ZERO),
-            _time_to_goal,
-            _unknown,
-            lambda case: case.time_limit,
-        ),
+        CLEAN_SUCCESS,
+        Quantity(Column("robot_collisions", "robot collisions", "", 2, bounds=AT_LEAST_ZERO)),
+        Quantity(Column("obstacle_collisions", "obstacle collisions", "", 2, bounds=AT_LEAST_ZERO)),
+        Quantity(Column("time_to_goal", "time to goal", "s", 1, bounds=AT_LEAST_ZERO)),
     )
 }
 """The quantities in tables of our tasks, by key."""
 
-FOREIGN_QUANTITIES = (
-    RETURN,
-    SUCCESS,
-    Quantity(
-        Column("length", "length", "steps", 1, bounds=AT_LEAST_ZERO),
-        _metric("length"),
-        _unknown,
-        lambda case: case.spec.horizon or math.inf,
-    ),
-)
+LENGTH = Quantity(Column("length", "length", "steps", 1, bounds=AT_LEAST_ZERO))
+FOREIGN_QUANTITIES = (RETURN, SUCCESS, LENGTH)
 
 
 def quantities_of(case: Case) -> tuple[Quantity, ...]:
@@ -147,11 +120,8 @@ def case_table(case: Case) -> Table:
 def budget_table(case: Case, budgets: Mapping[str, float]) -> Table:
     """Returns by how much each label exceeds budgets of costs, and in how many of the episodes.
 
-    A label keeps a budget if the whole interval of the first is at most 0.
-
-    Args:
-        case: of our tasks.
-        budgets: largest mean cost of an episode, by the name of the cost (`event_costs.COSTS`).
+    A label keeps a budget, the largest mean cost of an episode by the name of the cost
+    (`event_costs.COSTS`), if the whole interval of the first is at most 0.
     """
     columns, rows = [], []
     for name, budget in budgets.items():

@@ -59,13 +59,9 @@ def evaluate_target(
     Raises:
         ResultsError: a file in `out` is of another run with the same label and dataset.
     """
-    results = []
+    results, seeds = [], block_seeds(block, n_episodes)
     for policy, provenance in zip(target.policies, target.provenances, strict=True):
-        kept = (
-            None
-            if out is None
-            else kept_result(target.measured, provenance, block_seeds(block, n_episodes), out)
-        )
+        kept = None if out is None else kept_result(target.measured, provenance, seeds, out)
         if kept is None or again:
             evaluation = evaluate(
                 policy,
@@ -110,12 +106,7 @@ def kept_result(spec: Spec, provenance: Provenance, seeds: Seeds, out: Path) -> 
 
 
 def reference_teams(task: str, spec: TaskSpec) -> list[str]:
-    """`REFERENCE_POLICIES` and naive teams that a task has: tiers need checkpoints.
-
-    Args:
-        task: the preset's name, or a spec file.
-        spec: of the task.
-    """
+    """`REFERENCE_POLICIES` and naive teams that a preset or a file has: tiers need checkpoints."""
     is_silent = spec.communication.kind == "none"
     return [
         name

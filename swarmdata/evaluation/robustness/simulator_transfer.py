@@ -153,20 +153,17 @@ def transfer_table(teams: Sequence[TeamTransfer]) -> str:
     Scores of both simulators are on the scale of the first, with 95 % intervals; changes are paired
     by policy and episode. The rank correlation is over all policies of a task, where there are
     enough; its interval is a bootstrap over policies, which share tasks, so it tends to be narrow.
-
-    Args:
-        teams: at least one, all with the same two simulators and number of episodes.
     """
-    rows = []
+    rows: list[tuple[object, ...]] = []
     for team in teams:
         where = team.task, team.label, len(team.scores()[0])
-        for (quantity, backend), found in _estimates(team).items():
-            rows.append(_row(*where, quantity, backend, found))
+        rows += [(*where, *what, *found) for what, found in _estimates(team).items()]
     for task in dict.fromkeys(team.task for team in teams):
         ranks = rank_agreement([team for team in teams if team.task == task])
         if ranks is not None:
-            rows.append(_row(task, "", "", "rank_correlation", "", ranks))
-    return to_csv(rows)
+            rows.append((task, "", "", "rank_correlation", "", *ranks))
+    keys = ("task", "team", "policies", "quantity", "backend", "mean", "low", "high")
+    return to_csv([dict(zip(keys, row, strict=True)) for row in rows])
 
 
 def _estimates(team: TeamTransfer) -> dict[tuple[str, str], Estimate]:
@@ -179,10 +176,3 @@ def _estimates(team: TeamTransfer) -> dict[tuple[str, str], Estimate]:
             mean = float(case.metric(team.label, quantity).mean())
             found[quantity, backend] = Estimate(mean, math.nan, math.nan)
     return found
-
-
-def _row(
-    task: str, team: str, policies: int | str, quantity: str, backend: str, found: Estimate
-) -> dict[str, object]:
-    where = {"task": task, "team": team, "policies": policies, "quantity": quantity}
-    return {**where, "backend": backend, "mean": found.value, "low": found.low, "high": found.high}

@@ -54,9 +54,6 @@ RESULTS_FOLDER = "results"
 TRAINED_FOLDER = "trained"
 """Of results with everything as in training."""
 
-ResultsByFolder = dict[str, list[Result]]
-"""Name of a folder -> one result per policy."""
-
 
 class _SweepPoint(NamedTuple):
     """A spec to evaluate a team in."""
@@ -147,10 +144,8 @@ def plan_sweep(
 def run_point(planned: Sweep, name: str) -> bool:
     """Evaluates one point in this process, for schedulers; where it is done, nothing happens.
 
-    Two processes may evaluate the same point: they write the same files.
-
-    Returns:
-        Whether it was not done yet.
+    Two processes may evaluate the same point: they write the same files. Returns whether it was not
+    done yet.
 
     Raises:
         UnknownNameError: no such point.
@@ -165,10 +160,6 @@ def run_point(planned: Sweep, name: str) -> bool:
 def run_sweep(planned: Sweep, **options: Unpack[JobOptions]) -> list[Degradation]:
     """Evaluates teams along axes, one parameter at a time, and writes tables and figures.
 
-    Args:
-        planned: what there is to evaluate.
-        options: where policies are evaluated.
-
     Raises:
         SwarmdataError: as `run_evaluations` says.
         MissingExtraError: matplotlib is not installed.
@@ -181,12 +172,7 @@ def run_sweep(planned: Sweep, **options: Unpack[JobOptions]) -> list[Degradation
 
 
 def collect_sweep(planned: Sweep) -> list[Degradation]:
-    """Writes the tables and figures of points that are done, and evaluates nothing.
-
-    Raises:
-        ResultsError: a point is not done.
-        MissingExtraError: matplotlib is not installed.
-    """
+    """Writes the tables and figures, and evaluates nothing; raises unless all points are done."""
     require_extra("matplotlib", "plots", "drawing the figures of a sweep")
     with locked(planned.out, shown=False):
         return _collect(planned)
@@ -199,7 +185,12 @@ def _collect(planned: Sweep) -> list[Degradation]:
         for team in planned.teams
     ]
     found = [_degradation(k, planned, results) for k in range(len(planned.axes))]
-    _write(found, planned.out)
+    text = "# Robustness\n\n" + "\n".join(each.to_markdown() for each in found)
+    with filled(planned.out, SWEEP, besides=RESULTS_FOLDER) as folder:
+        (folder / SWEEP_FILE).write_text(write_csv(found), encoding="utf-8")
+        (folder / "sweep.md").write_text(text, encoding="utf-8")
+        for each in found:
+            plot_degradation(each, folder / f"{each.part}-{each.name}.png")
     return found
 
 
@@ -219,17 +210,15 @@ def _teams(
     names: Sequence[str], axes: Sequence[Axis], sources: Sequence[TargetName]
 ) -> list[_Team]:
     """Finds the teams, and checks all of them before any evaluation."""
-    targets = []
-    for name, source in zip(names, sources, strict=True):
-        targets.append(source.find())
-        if any(axis.part != "body" for axis in axes):
-            _check_senses(targets[-1], name)
-    teams = [
-        _Team(label, source, target, tuple(_points(axis, name, target.spec) for axis in axes))
-        for name, label, source, target in zip(
-            names, _labels(targets), sources, targets, strict=True
-        )
+    targets = [source.find() for source in sources]
+    if any(axis.part != "body" for axis in axes):
+        for name, target in zip(names, targets, strict=True):
+            _check_senses(target, name)
+    points = [
+        tuple(_points(axis, name, target.spec) for axis in axes)
+        for name, target in zip(names, targets, strict=True)
     ]
+    teams = list(map(_Team, _labels(targets), sources, targets, points))
     first = teams[0]
     for other in teams[1:]:
         if not is_same_world(first.target.spec, other.target.spec):
@@ -267,8 +256,8 @@ def _check_senses(target: Target, name: str) -> None:
         )
 
 
-def _degradation(k: int, planned: Sweep, results: Sequence[ResultsByFolder]) -> Degradation:
-    """The estimates of all teams along axis k."""
+def _degradation(k: int, planned: Sweep, results: Sequence[dict[str, list[Result]]]) -> Degradation:
+    """The estimates of all teams along axis k, of results by the name of their folder."""
     axis = planned.axes[k]
     lines: list[TeamLine] = []
     columns: tuple[Column, ...] = ()
@@ -297,12 +286,3 @@ def _points(axis: Axis, policy: str, trained: TaskSpec) -> tuple[_SweepPoint, ..
     points.append(_SweepPoint(along.trained, TRAINED_FOLDER, trained))
     sign = -1.0 if axis.falls else 1.0
     return tuple(sorted(points, key=lambda p: -np.inf if p.value is None else sign * p.value))
-
-
-def _write(found: Sequence[Degradation], out: Path) -> None:
-    text = "# Robustness\n\n" + "\n".join(each.to_markdown() for each in found)
-    with filled(out, SWEEP, besides=RESULTS_FOLDER) as folder:
-        (folder / SWEEP_FILE).write_text(write_csv(found), encoding="utf-8")
-        (folder / "sweep.md").write_text(text, encoding="utf-8")
-        for each in found:
-            plot_degradation(each, folder / f"{each.part}-{each.name}.png")

@@ -123,15 +123,13 @@ def parse_axis(text: str, part: Part, n_points: int = 5) -> Axis:
     if n_points < 2:
         raise SpecError(f"{n_points} points of {text!r}, expected at least 2.")
     low, dots, high = given.partition("..")
+    whole = _is_whole(part, name)
     if dots:
         first, last = _number(low, text, part), _number(high, text, part)
         exact = [first + (last - first) * k / (n_points - 1) for k in range(n_points)]
-        if _is_whole(part, name):
-            exact = [Fraction(round(value)) for value in exact]
-        exact = list(dict.fromkeys(exact))
+        exact = list(dict.fromkeys(Fraction(round(x)) if whole else x for x in exact))
     else:
         exact = [_number(each, text, part) for each in given.split(",")]
-    whole = _is_whole(part, name)
     values = [int(x) if whole and x.denominator == 1 else float(x) for x in exact]
     if len(set(values)) < max(2, len(values)):
         raise _malformed(text, part, f"its values are {values}, expected two or more different")
@@ -157,12 +155,7 @@ def _malformed(text: str, part: Part, problem: str) -> SpecError:
 
 
 def specs_along_axis(axis: Axis, policy: str, spec: TaskSpec) -> AxisSpecs:
-    """Returns the specs along an axis, which differ from the policy's spec in one parameter.
-
-    Args:
-        axis: to sweep.
-        policy: name for messages.
-        spec: of its training.
+    """Returns the specs along an axis: that of a policy's training with another parameter.
 
     Raises:
         UnknownNameError: the models of the spec have no such parameter.
@@ -252,10 +245,7 @@ def _body_parameters(spec: TaskSpec) -> dict[str, tuple[Place, ...]]:
 def changed(spec: TaskSpec, places: tuple[Place, ...], value: float, source: str) -> TaskSpec:
     """Sets a value in all these places of a spec, and draws it no more.
 
-    An absent part gets its defaults.
-
-    Raises:
-        SpecError: the value is out of range; the message names `source`.
+    An absent part gets its defaults. An error names `source`.
     """
     data = spec.model_dump(mode="json")
     for *path, last in places:

@@ -11,16 +11,11 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.line_plot import Line, LinePanel, plot_lines
 from swarmdata.evaluation.robustness.sweep_tables import Degradation
 
-PANEL_HEIGHT = 1.5
-"""Inches."""
+PANEL_HEIGHT = 1.5  # inches
 
 PANEL_COLUMNS = (
-    "success",
-    "clean_success",
-    "time_to_goal",
-    "robot_collisions",
-    "obstacle_collisions",
-)
+    "success", "clean_success", "time_to_goal", "robot_collisions", "obstacle_collisions",
+)  # fmt: skip
 """Columns that are drawn after the score or, without one, the return."""
 
 AXIS_LABELS: Mapping[tuple[str, str], str] = {
@@ -66,8 +61,7 @@ def plot_degradation(found: Degradation, out: Path) -> None:
     its result. The axis runs in the order of its values, so that worse ones may be on the right.
 
     Raises:
-        SchemaError: there is nothing to draw, or the suffix is unknown.
-        MissingExtraError: matplotlib is not installed.
+        SchemaError: there are more policies than one figure can distinguish.
     """
     n_styles = len(COLORS) * len(DASHES)
     if len(found.lines) > n_styles:
@@ -96,14 +90,7 @@ def degradation_panel(
     styles: Mapping[str, Mapping[str, Any]],
     names: Mapping[str, str] = {},
 ) -> LinePanel:
-    """One quantity of all teams along the axis, below its name.
-
-    Args:
-        found: the sweep.
-        key: of the column.
-        styles: look of each team's line.
-        names: of teams in the legend, where they are not their labels.
-    """
+    """One quantity of all teams along the axis; `names` are those in the legend, if not labels."""
     index = found.column(key)
     column, lines = found.columns[index], []
     for line in found.lines:

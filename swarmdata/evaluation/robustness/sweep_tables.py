@@ -69,11 +69,7 @@ class Degradation:
         return "as trained" if self.as_trained else "not varied"
 
     def column(self, key: str) -> int:
-        """Returns the index of a column.
-
-        Raises:
-            UnknownNameError: no column has that key.
-        """
+        """Returns the index of a column; raises UnknownNameError if there is none."""
         known = {column.key: index for index, column in enumerate(self.columns)}
         if key not in known:
             raise UnknownNameError("column", key, known)
@@ -111,12 +107,9 @@ def estimates_of(
 ) -> tuple[tuple[Column, ...], tuple[Estimate, ...]]:
     """Returns the columns of `result_tables.case_table`, and the change compared with training.
 
-    Args:
-        runs: one result per policy of a team at the point.
-        before: results of the same policies with everything as in training.
-        spec: of the point.
-        trained: spec of the training, whose references scale the score: a world with other sensors
-            on the robots has no references.
+    There is one result per policy of a team at the point, and before, with everything as in
+    training. The references of the training's spec scale the score: a world with other sensors on
+    the robots has no references.
     """
     scale = reference_of(trained)
     label = runs[0].provenance.label
@@ -136,13 +129,9 @@ def change_of(
 ) -> Estimate:
     """Returns the difference of scores, or of returns without a scale, with its 95 % interval.
 
-    Differences are paired by training seed and episode. Variation between seeds and episodes
-    cancels, so the interval is narrower than those of the two scores.
-
-    Args:
-        runs: one result per policy.
-        before: results of the same policies on the same seeds.
-        scale: of the score.
+    Differences are paired by training seed and episode: both have one result per policy, on the
+    same seeds. Variation between seeds and episodes cancels, so the interval is narrower than those
+    of the two scores.
     """
     sides = (
         np.stack([each.evaluation.metrics["return"] for each in side]) for side in (runs, before)

@@ -171,31 +171,20 @@ def choose_algorithm(
         reasons.append(f"{share} {limits['common_reward']}")
         if other == "maddpg_bc":
             reasons.append("a contact ends the episode, where iql moves too far from the data")
-    doubts = [
-        doubt for name, pair in asked.items() if (doubt := _doubt(found, name, pair, thresholds))
-    ]
+    doubts = []
+    for name, pair in asked.items():
+        below, above = thresholds[name]
+        if pair[0] != pair[1] and below < getattr(found, name) < above:
+            doubts.append(
+                f"no measured dataset has a {name.replace('_', ' ')} between {100 * below:.0f} % "
+                f"and {100 * above:.0f} %, so {' and '.join(pair)} are not told apart there"
+            )
     if found.best_success == 0:
         doubts.append(
             "no episode is marked as solved; if success was not recorded, this is a guess"
         )
     algorithm = clone if has_expert else other
     return AlgorithmChoice(algorithm, tuple(reasons), tuple(doubts))
-
-
-def _doubt(
-    found: EpisodeStatistics,
-    name: str,
-    pair: tuple[str, str],
-    thresholds: Mapping[str, Threshold],
-) -> str | None:
-    """What cannot be told apart, if a statistic lies where no measured dataset does."""
-    value, (below, above) = getattr(found, name), thresholds[name]
-    if len({*pair}) == 1 or not below < value < above:
-        return None
-    return (
-        f"no measured dataset has a {name.replace('_', ' ')} between {100 * below:.0f} % and "
-        f"{100 * above:.0f} %, so {' and '.join(pair)} are not told apart there"
-    )
 
 
 def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:

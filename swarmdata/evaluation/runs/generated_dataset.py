@@ -99,9 +99,9 @@ def generate(
     if noise and not any(takes_noise(name, spec) for name in shares):
         raise SpecError(f"none of the policies {', '.join(shares)} has action noise; leave it out")
     with TemporaryDirectory(prefix="swarmdata-generate-") as scratch:
-        behaviors = _behaviors(shares, spec, noise, Path(scratch), report)
+        sources = _sources(shares, spec, noise, Path(scratch), report)
         recipe = _recipe(
-            spec, _labelled(behaviors), id=id, tier=tier, seed=seed, n_steps=n_steps,
+            spec, sources, id=id, tier=tier, seed=seed, n_steps=n_steps,
             metadata=dict(metadata or {}),
         )  # fmt: skip
         folder = cache_folder() / "datasets" / id if out is None else Path(out)
@@ -113,27 +113,17 @@ def generate(
     return load(folder)
 
 
-def _behaviors(
-    shares: Mapping[str, float],
-    spec: TaskSpec,
-    noise: float,
-    folder: Path,
-    report: Callable[[Behavior], None],
-) -> list[Behavior]:
-    """The behavior policies of all names, whose networks are copied into a folder."""
-    found = []
-    for name, share in shares.items():
-        for behavior in behaviors_of(name, share, spec, noise, folder):
-            report(behavior)
-            found.append(behavior)
-    return found
-
-
 def _recipe(
     spec: TaskSpec, policies: Sequence[PolicySource], *, id: str, tier: str, seed: int | None,
     n_steps: int, metadata: Mapping[str, str],
 ) -> Recipe:  # fmt: skip
-    _check_steps(n_steps, policies, spec)
+    rarest = min(policies, key=lambda source: source.share)
+    part = rarest.share / sum(source.share for source in policies)
+    if n_steps * part < spec.horizon:  # every policy needs an episode as long as the horizon
+        raise SpecError(
+            f"{n_steps:,} steps leave {n_steps * part:,.0f} to policy {rarest.label!r}, less than "
+            f"one episode of {spec.horizon} steps; expected at least {spec.horizon / part:,.0f}"
+        )
     content = {
         "id": id,
         "tier": tier,
@@ -147,23 +137,11 @@ def _recipe(
     return Recipe.parse(content, f"the recipe of {id}")
 
 
-def _check_steps(n_steps: int, policies: Sequence[PolicySource], spec: TaskSpec) -> None:
-    """Refuses fewer steps than give every policy one episode as long as the horizon."""
-    rarest = min(policies, key=lambda source: source.share)
-    part = rarest.share / sum(source.share for source in policies)
-    if n_steps * part < spec.horizon:
-        raise SpecError(
-            f"{n_steps:,} steps leave {n_steps * part:,.0f} to policy {rarest.label!r}, less than "
-            f"one episode of {spec.horizon} steps; expected at least {spec.horizon / part:,.0f}"
-        )
-
-
-def _check_id(dataset_id: str) -> None:
+def _check_id(id: str) -> None:
     """Refuses an id that means another dataset."""
-    if dataset_id in shipped_recipes() or dataset_id in published():
+    if id in shipped_recipes() or id in published():
         raise SpecError(
-            f"{dataset_id} is the id of a dataset of the package; choose another, such as "
-            "my_task-mine-v0"
+            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
         )
 
 
@@ -185,15 +163,23 @@ def _shares(
     return shares
 
 
-def _labelled(behaviors: Sequence[Behavior]) -> list[PolicySource]:
-    """Returns the policies with labels of their own: runs of one name get a number."""
-    taken: set[str] = set()
-    found = []
-    for behavior in behaviors:
-        label = behavior.source.label
-        free = next(
-            each for each in (label, *(f"{label}.{k}" for k in range(2, 300))) if each not in taken
-        )
-        taken.add(free)
-        found.append(behavior.source.model_copy(update={"label": free}))
-    return found
+def _sources(
+    shares: Mapping[str, float],
+    spec: TaskSpec,
+    noise: float,
+    folder: Path,
+    report: Callable[[Behavior], None],
+) -> list[PolicySource]:
+    """The policies of all names, whose networks are copied into a folder.
+
+    They have labels of their own: runs of one name get a number.
+    """
+    found: dict[str, PolicySource] = {}
+    for name, share in shares.items():
+        for behavior in behaviors_of(name, share, spec, noise, folder):
+            report(behavior)
+            label = behavior.source.label
+            labels = (label, *(f"{label}.{k}" for k in range(2, 300)))
+            free = next(each for each in labels if each not in found)
+            found[free] = behavior.source.model_copy(update={"label": free})
+    return list(found.values())

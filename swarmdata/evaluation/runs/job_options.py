@@ -29,17 +29,7 @@ def do_with_bar(
     unit: str = "it",
     **options: Unpack[JobOptions],
 ) -> None:
-    """Does all jobs, as `do_jobs` does, below a bar of what they report.
-
-    Args:
-        jobs: what to do.
-        entry: "module:function" that returns the handler.
-        what: the jobs in words, such as "evaluations".
-        folder: what the command writes to.
-        total: what all jobs report.
-        unit: of what they report.
-        options: where they are done.
-    """
+    """Does all jobs, as `do_jobs` does, below a bar of what they report: a total, in a unit."""
     hidden = None if jobs and options.get("progress", True) else True  # None: if no terminal
     with tqdm(total=total, desc=what, unit=unit, unit_scale=True, disable=hidden) as bar:
 

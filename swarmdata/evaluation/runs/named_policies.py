@@ -57,25 +57,19 @@ def behaviors_of(
     """Returns the behavior policies that a name means, one for each seed of a run.
 
     Args:
-        name: a registered policy such as `scripted`, a tier such as `expert` of a preset that has
-            its checkpoints, or a training run, by its folder or as `zoo:ALGORITHM/DATASET`; or a
-            registered policy for each side of the task, such as `tag-greedy,scripted`.
+        name: as `generate` takes it; or a registered policy for each side of the task, such as
+            `tag-greedy,scripted`.
         share: of the joint steps, which the policies have in equal parts.
         spec: the task.
-        noise: standard deviation of the Gaussian noise on the actions; policies that take none,
-            such as `random`, act without.
+        noise: of actions; policies that take none, such as `random`, act without.
         folder: where copies of networks go, into its folder `checkpoints`.
 
-    Raises:
-        UnknownNameError: nothing has that name.
-        PolicyFitError: the task does not provide what a trained policy needs.
-        SpecError: the run was trained on a recording of another environment.
-        MissingExtraError: a run folder needs torch.
+    Raises as `generate` does.
     """
     if "," in name:
         found: tuple[Behavior, ...] = (Behavior(_of_sides(name, spec, noise)),)
     elif (run := find_run(name)) is not None:
-        found = tuple(_copied(run, spec, noise, folder))
+        found = tuple(_copies(run, spec, noise, folder / CHECKPOINTS))
     elif name in checkpoint_free_policies():
         std = noise if takes_noise(name, spec) else 0.0
         found = (Behavior(PolicySource(label=name, name=name, noise=std)),)
@@ -138,30 +132,26 @@ def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]
     raise UnknownNameError("policy, tier or run folder", name, known)
 
 
-def _copied(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
-    """Copies the newest policies of a run, and yields one behavior policy for each seed."""
+def _copies(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
+    """Copies the newest policy of each seed: for exact inference if it can be, else as it is."""
     found = open_run(run)
-    policies = found.fitted(spec, "Record it in its environment with swarmdata.Recorder.")
-    (folder / CHECKPOINTS).mkdir(parents=True, exist_ok=True)
-    stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
-    for provenance, policy in zip(found.provenances, policies, strict=True):
-        label = f"{stem}-{provenance.seed}"
-        yield _copy(policy, label, spec, noise, folder / CHECKPOINTS)
-
-
-def _copy(policy: Policy, label: str, spec: TaskSpec, noise: float, folder: Path) -> Behavior:
-    """Writes a policy for exact inference if it can be, else as it is."""
     from swarmdata.learn.policies.policy_file import save_policy  # noqa: PLC0415  (torch is an extra)
 
-    fresh = folder / "new.safetensors"
-    error = _exact_copy(policy, spec, fresh)
-    if error is None:
-        save_policy(fresh, policy)
-    sha256 = hashlib.sha256(fresh.read_bytes()).hexdigest()
-    path = fresh.rename(folder / f"{label}-{sha256[:12]}.safetensors")
-    kind = "network" if error is None else "learned"
-    source = PolicySource(label=label, name=kind, checkpoint=path.name, sha256=sha256, noise=noise)
-    return Behavior(source, error)
+    policies = found.fitted(spec, "Record it in its environment with swarmdata.Recorder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
+    for provenance, policy in zip(found.provenances, policies, strict=True):
+        label, fresh = f"{stem}-{provenance.seed}", folder / "new.safetensors"
+        error = _exact_copy(policy, spec, fresh)
+        if error is None:
+            save_policy(fresh, policy)
+        sha256 = hashlib.sha256(fresh.read_bytes()).hexdigest()
+        path = fresh.rename(folder / f"{label}-{sha256[:12]}.safetensors")
+        kind = "network" if error is None else "learned"
+        source = PolicySource(
+            label=label, name=kind, checkpoint=path.name, sha256=sha256, noise=noise
+        )
+        yield Behavior(source, error)
 
 
 def _exact_copy(policy: Policy, spec: TaskSpec, path: Path) -> float | None:
@@ -216,7 +206,14 @@ def make_policy(
             f"{name} is no registered policy and takes no options, got {', '.join(options)}"
         )
     if run is not None:
-        return _of_run(run, None if spec is None else find_spec(spec), seed)
+        found = open_run(run)
+        seeds = [each.seed for each in found.provenances]
+        if seed not in seeds:
+            raise SpecError(f"{run} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
+        if spec is None:
+            return found.policies()[seeds.index(seed)]
+        advice = "Leave the spec out, and evaluate it with swarmdata.evaluate_parallel."
+        return found.fitted(find_spec(spec), advice)[seeds.index(seed)]
     if spec is None:
         raise SpecError(f"policy {name} needs a task: give a spec, a preset's name or a spec file")
     task = find_spec(spec)
@@ -226,19 +223,6 @@ def make_policy(
     if not 0 <= seed < len(sources):
         raise SpecError(f"{name} has the seeds 0 to {len(sources) - 1}, got seed {seed}")
     return make_source_policy(sources[seed], task)
-
-
-def _of_run(folder: Path, spec: TaskSpec | None, seed: int) -> Policy:
-    """The newest policy of a training seed; of a recording's run as it is."""
-    found = open_run(folder)
-    seeds = [each.seed for each in found.provenances]
-    if seed not in seeds:
-        raise SpecError(f"{folder} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
-    index = seeds.index(seed)
-    if spec is None:
-        return found.policies()[index]
-    advice = "Leave the spec out, and evaluate it with swarmdata.evaluate_parallel."
-    return found.fitted(spec, advice)[index]
 
 
 def open_run(run: Path) -> "Trained":

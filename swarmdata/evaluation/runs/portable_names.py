@@ -14,21 +14,12 @@ _FOLDERS = re.compile(r"(?<![\w.:/~-])/(?:[^\s/'\"]+/)+")
 
 
 def portable_name(name: str | Path) -> str:
-    """Returns the absolute path of a folder that is there, and any other name as it is.
-
-    Args:
-        name: of a policy, a tier, a dataset or a folder.
-    """
+    """Returns the absolute path of a folder that is there, and any other name as it is."""
     return str(Path(name).resolve()) if is_folder(name) else str(name)
 
 
 def portable_source(source: Source | None) -> Any:
-    """Returns a model, a spec or a file of one as JSON.
-
-    Args:
-        source: a model, its fields, the text of one, a name, or a file, whose path becomes
-            absolute.
-    """
+    """Returns a model, a spec or a file of one as JSON; the path of a file becomes absolute."""
     if isinstance(source, Frozen):
         return source.model_dump(mode="json")
     if isinstance(source, Mapping):

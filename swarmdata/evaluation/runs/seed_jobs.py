@@ -5,14 +5,13 @@ Each group is a run in a folder of its own, `OUT/seeds-...`.
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from swarmdata.errors import BuildError
-from swarmdata.evaluation.runs.job_options import do_with_bar
+from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import CONFIG, run_folders
 from swarmdata.runtime.engines.jobs import Job
@@ -31,71 +30,49 @@ class Training(Protocol):
     def model_dump(self, *, mode: str) -> dict[str, Any]: ...
 
 
-@dataclass(frozen=True)
-class Where:
-    """Where a training's seeds are trained, in the words of `train`."""
+def train_in_groups(
+    training: Training,
+    entry: str,
+    out: Path,
+    seeds: Group,
+    part: tuple[int, int] | None,
+    options: JobOptions,
+) -> list[Policy] | None:
+    """Trains; returns the policies if this process has trained them offline.
 
-    out: Path
-    seeds: Group
-    workers: int
-    engine: str | Executor
-    part: tuple[int, int] | None
-    progress: bool
+    `entry` is the "module:function" that returns the handler of a job, which gets the training as
+    JSON, `seeds` and `folder`. `part` is as `train` takes it.
 
-    def train(self, training: Training, entry: str) -> list[Policy] | None:
-        """Trains; returns the policies if this process has trained them offline.
-
-        Args:
-            training: what to train.
-            entry: "module:function" that returns the handler of a job, which gets the training as
-                JSON, `seeds` and `folder`.
-
-        Raises:
-            OutputError: a folder has files and holds no run.
-            BatchError: groups failed; the same call resumes from their last checkpoints.
-            BuildError: there are other groups of seeds in `out`.
-            EngineError: the engine is unknown, or cannot be reached.
-        """
-        out, part = self.out, self.part
-        if part is None and self.engine == LOCAL and self.workers == 1:
-            check_folders(out, [out])
-            return training.run(self.seeds, out, progress=self.progress)
-        n_groups = self.workers if part is None else part[1]
-        groups = groups_of(self.seeds, self.engine, n_groups)
-        if part is None:  # mistakes are refused before any job
-            length = training.length(self.seeds, progress=self.progress)
-        check_folders(out, [group_folder(out, group) for group in groups])
-        if part is None:
-            self._train_groups(training.model_dump(mode="json"), entry, groups, length)
-            return None
+    Raises:
+        OutputError: a folder has files and holds no run.
+        BatchError: groups failed; the same call resumes from their last checkpoints.
+        BuildError: there are other groups of seeds in `out`.
+        EngineError: the engine is unknown, or cannot be reached.
+    """
+    engine, workers, progress = options["engine"], options["workers"], options["progress"]
+    if part is None and engine == LOCAL and workers == 1:
+        check_folders(out, [out])
+        return training.run(seeds, out, progress=progress)
+    groups = groups_of(seeds, engine, workers if part is None else part[1])
+    folders = [group_folder(out, group) for group in groups]
+    if part is not None:
+        check_folders(out, folders)
         if part[0] > len(groups):
             return []  # there are fewer seeds than parts
-        group = groups[part[0] - 1]
-        return training.run(group, group_folder(out, group), progress=self.progress)
-
-    def _train_groups(
-        self, training: dict[str, Any], entry: str, groups: Sequence[Group], length: int
-    ) -> None:
-        """Trains each group of seeds as a job; one that fails does not stop the others."""
-        jobs = []
-        for group in groups:
-            folder = group_folder(self.out, group).resolve()
-            payload = {"training": training, "seeds": list(group), "folder": str(folder)}
-            jobs.append(Job(f"{folder.name} of {self.out.name}", payload))
-        do_with_bar(
-            jobs, entry, "groups of seeds", self.out, total=length * len(jobs),
-            engine=self.engine, workers=self.workers, progress=self.progress,
-        )  # fmt: skip
+        return training.run(groups[part[0] - 1], folders[part[0] - 1], progress=progress)
+    length = training.length(seeds, progress=progress)  # mistakes are refused before any job
+    check_folders(out, folders)
+    shared = {"training": training.model_dump(mode="json")}
+    jobs = [
+        Job(f"{to.name} of {out.name}", {**shared, "seeds": [*group], "folder": str(to.resolve())})
+        for group, to in zip(groups, folders, strict=True)
+    ]
+    do_with_bar(jobs, entry, "groups of seeds", out, total=length * len(jobs), **options)
+    return None
 
 
 def groups_of(seeds: Sequence[int], engine: str | Executor, workers: int) -> list[Group]:
-    """Returns which seeds are trained together: a group for each worker of `local`, or each seed.
-
-    Args:
-        seeds: of all policies.
-        engine: as `build` takes it.
-        workers: processes of the engine `local`.
-    """
+    """Returns which seeds train together: a group for each worker of `local`, or each seed."""
     n_groups = workers if engine == LOCAL else len(seeds)
     return [tuple(map(int, group)) for group in np.array_split(seeds, n_groups) if len(group)]
 

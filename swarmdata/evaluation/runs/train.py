@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.runs.algorithm_choice import AUTO, choose_for
+from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
-from swarmdata.evaluation.runs.seed_jobs import Group, Where
+from swarmdata.evaluation.runs.seed_jobs import Group, train_in_groups
 from swarmdata.evaluation.runs.trained_policies import read_trained
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
@@ -84,11 +85,6 @@ class OfflineTraining(Frozen):
             for name in ("observation", "communication", "rewards", "side")
         }
         return open_data(self.dataset_id, self.weights, {**view, "progress": progress})
-
-    def chosen(self, *, progress: bool) -> Self:
-        """The training of the algorithm that `auto` takes."""
-        algorithm = choose_for(self.data(progress=progress)).algorithm
-        return self.model_copy(update={"algorithm": algorithm})
 
     def length(self, seeds: Group, *, progress: bool) -> int:
         """Updates of a run of some seeds; raises as `config` does."""
@@ -170,7 +166,12 @@ class OnlineTraining(Frozen):
         config = override(kind.Config(), {**settings, **self.changes})
         data, recorded = None, None
         if self.data is not None:
-            _check_replay(self.algorithm)
+            if not hasattr(kind, "mix_in"):
+                raise SchemaError(
+                    f"{self.algorithm} learns from the steps of its present policies only, so that "
+                    "recorded data cannot be mixed in. Leave out the data, or use maddpg, vdn or "
+                    "qmix."
+                )
             view = {
                 "observation": None if self.observation is None else spec.observation,
                 "communication": None if self.communication is None else spec.communication,
@@ -268,8 +269,7 @@ def train(
     """
     arguments = {
         "algorithm": algorithm, "dataset_id": _portable_names(dataset_id),
-        "weights": None if weights is None else list(weights),
-        "changes": as_texts(changes or {}),
+        "weights": None if weights is None else list(weights), "changes": as_texts(changes or {}),
         "observation": portable_source(observation),
         "communication": portable_source(communication),
         "rewards": dict(rewards) if isinstance(rewards, Mapping) else rewards,
@@ -280,9 +280,10 @@ def train(
     if not isinstance(n_seeds, int | np.integer) or n_seeds < 1:
         raise SpecError(f"n_seeds is {n_seeds!r:.100}, expected a whole number of at least 1")
     if algorithm == AUTO:
-        training = training.chosen(progress=progress)
-    where = Where(Path(out), tuple(range(n_seeds)), workers, engine, part, progress)
-    found = where.train(training, TRAINER)
+        choice = choose_for(training.data(progress=progress))
+        training = training.model_copy(update={"algorithm": choice.algorithm})
+    where: JobOptions = {"engine": engine, "workers": workers, "progress": progress}
+    found = train_in_groups(training, TRAINER, Path(out), tuple(range(n_seeds)), part, where)
     return read_trained(Path(out)).policies() if found is None else found
 
 
@@ -360,8 +361,8 @@ def train_online(
     found = tuple(seeds)
     if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
         raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
-    where = Where(Path(out), tuple(map(int, found)), workers, engine, part, progress)
-    where.train(training, TRAINER)
+    where: JobOptions = {"engine": engine, "workers": workers, "progress": progress}
+    train_in_groups(training, TRAINER, Path(out), tuple(map(int, found)), part, where)
 
 
 def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:
@@ -374,12 +375,7 @@ def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]
 def open_data(
     dataset_id: str | Sequence[str], weights: Sequence[float] | None, view: Mapping[str, Any]
 ) -> Dataset | Mixture:
-    """Opens one dataset, or several as a mixture.
-
-    Args:
-        dataset_id: id or folder; several are mixed.
-        weights: of several.
-        view: further arguments of `load`.
+    """Opens one dataset by id or folder, or several as a mixture; `view`: arguments of `load`.
 
     Raises:
         SpecError: another package defines a dataset's task, and is not installed.
@@ -397,15 +393,9 @@ def open_data(
 def last_evaluation(
     run: Path, dataset_id: str | Sequence[str], weights: Sequence[float] | None
 ) -> str | None:
-    """Says in one line how good the policies of an offline run are, beside the data.
+    """Says in one line how good the policies of an offline run are, beside its data.
 
-    Args:
-        run: its folder.
-        dataset_id: what it was trained on, as `open_data` takes it.
-        weights: likewise.
-
-    Returns:
-        The line; None where there is no learning curve, or no reference for a score.
+    None: there is no learning curve, or no reference for a score.
     """
     tables = [part / CURVE for part in run_folders(run)]
     rows = [row for table in tables if table.is_file() for row in read_table(table)]
@@ -428,15 +418,6 @@ def last_evaluation(
         f"After {update:,.0f} updates, {team} {score:.1f}, with {success:.0%} success in "
         f"{CURVE_EPISODES} validation episodes; the data score {own}."
     )
-
-
-def _check_replay(algorithm: str) -> None:
-    """Refuses data for an algorithm that cannot mix them in."""
-    if not hasattr(resolve("algorithm", ONLINE_ALGORITHMS, algorithm), "mix_in"):
-        raise SchemaError(
-            f"{algorithm} learns from the steps of its present policies only, so that recorded "
-            "data cannot be mixed in. Leave out the data, or use maddpg, vdn or qmix."
-        )
 
 
 def read_settings(name: str) -> dict[str, str]:

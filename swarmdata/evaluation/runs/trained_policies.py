@@ -45,10 +45,7 @@ class Trained(NamedTuple):
         return SideSpec.parse(self.spec, str(self.folder)) if is_side else None
 
     def task(self, advice: str) -> TaskSpec:
-        """Returns the task of the training.
-
-        Args:
-            advice: what to do with a run on a recording, as a sentence.
+        """Returns the task of the training; `advice`: what to do with a run on a recording.
 
         Raises:
             SpecError: it was trained on a recording of another environment, or for one side.
@@ -133,16 +130,10 @@ def _provenance(seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenanc
 def fit_policies(
     name: str, policies: Sequence[Policy], trained: TaskSpec, offered: TaskSpec
 ) -> tuple[Policy, ...]:
-    """Returns the policies of a run for another spec.
+    """Returns the policies of a run, one per seed, for another spec than that of their training.
 
     Policies over sets act with other numbers of robots and slots; all others need those of their
     training.
-
-    Args:
-        name: of the run, for messages.
-        policies: one per seed.
-        trained: spec of their training.
-        offered: spec to act in.
 
     Raises:
         PolicyFitError: the robots, their number, the features or the actions do not fit.
@@ -150,7 +141,16 @@ def fit_policies(
     """
     if offered == trained:
         return tuple(policies)
-    _check_robots(name, trained, offered)
+    drives = [
+        sorted({f"{robot.dynamics} with {robot.command} commands" for robot in spec.robots})
+        for spec in (trained, offered)
+    ]
+    if drives[0] != drives[1]:  # actions would mean something else
+        raise PolicyFitError(
+            f"{name} was trained on robots that are {' and '.join(drives[0])}, and cannot drive "
+            f"robots that are {' and '.join(drives[1])}. Evaluate it in a task with robots as in "
+            "its training."
+        )
     known, seen = (features_of(make_task(spec)) for spec in (trained, offered))
     fitted: list[Policy] = []
     for policy in policies:
@@ -166,19 +166,6 @@ def fit_policies(
         check_senses(name, trained, offered, known, seen)
         fitted.append(policy)
     return tuple(fitted)
-
-
-def _check_robots(name: str, trained: TaskSpec, offered: TaskSpec) -> None:
-    """Raises PolicyFitError if actions would mean something else."""
-    known, found = (
-        sorted({f"{robot.dynamics} with {robot.command} commands" for robot in spec.robots})
-        for spec in (trained, offered)
-    )
-    if known != found:
-        raise PolicyFitError(
-            f"{name} was trained on robots that are {' and '.join(known)}, and cannot drive robots "
-            f"that are {' and '.join(found)}. Evaluate it in a task with robots as in its training."
-        )
 
 
 def label_of(name: str, dataset: str) -> str:

@@ -1,26 +1,17 @@
 """Runs a finished cell again from its record, in a temporary folder, and compares every number."""
 
 import tempfile
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.result_files import load_result
-from swarmdata.evaluation.study.cells.cells import (
-    DONE_FILE,
-    RESULTS_FOLDER,
-    cell_folder,
-    cell_run_folder,
-    read_cell,
-)
+from swarmdata.evaluation.study.cells.cells import DONE_FILE, RESULTS_FOLDER, Cell
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.learn.training.run_files import LOSSES, read_table
 from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double
-
-Rows = list[dict[str, float]]
 
 
 class Comparison(Frozen):
@@ -53,28 +44,22 @@ class Comparison(Frozen):
         )
 
 
-def reproduce_cell(folder: Path, *, progress: bool = True) -> Comparison:
+def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
     """Runs a finished cell again in a temporary folder, from its recorded configuration.
-
-    Args:
-        folder: of the cell.
-        progress: whether to show a progress bar.
 
     Raises:
         StudyError: the cell is not finished, or fails this time.
     """
     if not (folder / DONE_FILE).exists():
         raise StudyError(f"{folder} holds no finished cell. Run the study first.")
-    cell = read_cell(folder)
+    cell = Cell.in_folder(folder)
     with tempfile.TemporaryDirectory(prefix="swarmdata-check-") as temporary:
         failures = run_cells([cell], Path(temporary), workers=1, progress=progress)
         if failures:
             raise StudyError(f"{cell.name} failed when it was run again: {failures[cell.name]}")
-        again = cell_folder(Path(temporary), cell)
+        again = cell.folder(Path(temporary))
         differences = _result_differences(folder / RESULTS_FOLDER, again / RESULTS_FOLDER)
-        first = _first_difference(
-            cell_run_folder(cell, folder) / LOSSES, cell_run_folder(cell, again) / LOSSES
-        )
+        first = _first_difference(cell.run_in(folder) / LOSSES, cell.run_in(again) / LOSSES)
     return Comparison(
         cell=cell.name,
         key=cell.key,
@@ -102,6 +87,5 @@ def _first_difference(one: Path, other: Path) -> int | None:
     """The first update whose losses differ."""
     if not one.exists():
         return None
-    read: Callable[[Path], Rows] = read_table
-    pairs = zip(read(one), read(other), strict=True)
+    pairs = zip(read_table(one), read_table(other), strict=True)
     return next((int(a["update"]) for a, b in pairs if a != b), None)

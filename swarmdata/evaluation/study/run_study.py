@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from swarmdata.errors import StudyError, UnknownNameError
 from swarmdata.evaluation.runs.job_options import JobOptions
-from swarmdata.evaluation.study.cells.cells import DONE_FILE, Cell, cell_folder, cells_of, is_done
+from swarmdata.evaluation.study.cells.cells import DONE_FILE, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
@@ -85,11 +85,11 @@ def run_study(
     cells = all_cells(study, progress=options.progress)
     work = options.work_of(study)
     chosen = [] if options.shifts_only else select_cells(cells, options.only)
-    failures = _run(chosen, work, options)
+    failures = run_cells(chosen, work, again=options.again, **options.jobs)
     measure = options.only is None
     if measure:
         swept = _swept_cells(collect_findings(study, cells, work, failures))
-        failures |= _run(swept, work, options)
+        failures |= run_cells(swept, work, again=options.again, **options.jobs)
     found = _collect(study, cells, work, failures)
     return failures, _write_pages(found, options, command, measure=measure)
 
@@ -158,17 +158,10 @@ def _used_elsewhere(
     return {name: each if any(row.estimates for row in each) else [] for name, each in rows.items()}
 
 
-def _run(cells: Sequence[Cell], work: Path, options: StudyOptions) -> dict[str, str]:
-    return run_cells(cells, work, again=options.again, **options.jobs)
-
-
 def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
     """Runs one cell in this process, for schedulers; where it is done, nothing happens.
 
-    Two processes may run the same cell: one waits for the other.
-
-    Returns:
-        Whether it was not done yet.
+    Two processes may run the same cell: one waits for the other. Returns whether it was not done.
 
     Raises:
         UnknownNameError: no such cell.
@@ -181,9 +174,9 @@ def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
     cells = {cell.name: cell for cell in list_cells(study, options).cells}
     if name not in cells:
         raise UnknownNameError("cell", name, cells)
-    folder = cell_folder(options.work_of(study), cells[name])
+    folder = cells[name].folder(options.work_of(study))
     remove_stale([cells[name]], options.work_of(study), again=options.again)
-    is_new = not is_done(cells[name], folder)
+    is_new = not cells[name].is_done(folder)
     run_cell(cells[name], folder)
     return is_new
 
@@ -204,7 +197,7 @@ def collect_study(study: Study, options: StudyOptions, command: str) -> list[Pat
 def list_cells(study: Study, options: StudyOptions) -> CellList:
     """Returns the cells of a study, with those of the sweeps whose dataset is done."""
     cells, work = all_cells(study, progress=options.progress), options.work_of(study)
-    pending = {cell.data for cell in cells if not is_done(cell, cell_folder(work, cell))}
+    pending = {cell.data for cell in cells if not cell.is_done(cell.folder(work))}
     waiting = tuple(
         label for label, sweep in study.sweeps.items() if short_name(sweep.dataset) in pending
     )
@@ -239,4 +232,4 @@ def reproduce_study_cell(study: Study, name: str, options: StudyOptions) -> Comp
     found = select_cells(all_cells(study, progress=options.progress), name)
     if len(found) > 1:
         raise StudyError(f"{name!r} matches {len(found)} cells, expected one: {found[0].name}, ...")
-    return reproduce_cell(cell_folder(work, found[0]), progress=options.progress)
+    return reproduce_cell(found[0].folder(work), progress=options.progress)

@@ -9,7 +9,7 @@ import numpy as np
 from swarmdata.evaluation.policy_selection.rank import rank
 from swarmdata.evaluation.policy_selection.ranking_record import Ranking
 from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
-from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, cell_run_folder, read_cell
+from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import open_dataset
 from swarmdata.evaluation.tuning.tuning_record import ESTIMATES
 from swarmdata.learn.evaluation.fqe import FQEConfig
@@ -29,7 +29,7 @@ FITS = FQEConfig(hidden=(64, 64), n_fits=3)
 
 def why_without(cells: Sequence[Cell], work: Path) -> str | None:
     """Why policies of trained cells cannot be estimated from their data; None where they can."""
-    policies = load_run(cell_run_folder(cells[0], cell_folder(work, cells[0])))
+    policies = load_run(cells[0].run_in(cells[0].folder(work)))
     if not isinstance(policies[0], Actor):
         return (
             f"the policies of {cells[0].algorithm} draw their actions or remember, so that what "
@@ -48,15 +48,10 @@ def why_without_data(cells: Sequence[Cell]) -> str | None:
 
 
 def run_estimates(cells: Sequence[Cell], work: Path, **options: Unpack[JobOptions]) -> None:
-    """Ranks the policies of trained cells that have no ranking yet.
-
-    Raises:
-        BatchError: some failed; the others are done.
-        EngineError: the engine is unknown, or cannot be reached.
-    """
+    """Ranks the policies of trained cells without a ranking; raises BatchError if some fail."""
     waiting = [cell for cell in cells if not _ranking_file(cell, work).exists()]
     jobs = [
-        Job(f"estimates of {cell.name}", {"folder": str(cell_folder(work, cell).resolve())})
+        Job(f"estimates of {cell.name}", {"folder": str(cell.folder(work).resolve())})
         for cell in waiting
     ]
     do_with_bar(jobs, ESTIMATOR, "estimates", work, total=len(jobs), **options)
@@ -71,7 +66,7 @@ def read_estimates(cell: Cell, work: Path) -> dict[str, float]:
 
 
 def _ranking_file(cell: Cell, work: Path) -> Path:
-    return cell_folder(work, cell) / RANKING_FOLDER / "ranking.json"
+    return cell.folder(work) / RANKING_FOLDER / "ranking.json"
 
 
 def estimator() -> Handler:
@@ -79,10 +74,10 @@ def estimator() -> Handler:
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         folder = Path(payload["folder"])
-        cell = read_cell(folder)
+        cell = Cell.in_folder(folder)
         dataset = open_dataset(cell.source, cell.n_steps)
         made = rank(
-            [cell_run_folder(cell, folder)],
+            [cell.run_in(folder)],
             dataset_id=str(dataset.path),
             config=FITS,
             device=cell.device,

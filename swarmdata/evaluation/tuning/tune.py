@@ -13,19 +13,17 @@ al., "Show Your Work: Improved Reporting of Experimental Results", EMNLP 2019).
 
 import dataclasses
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
 from swarmdata import __version__
-from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ResultsError, SpecError
 from swarmdata.evaluation.results.result_set import group_results, reference_of
 from swarmdata.evaluation.runs.portable_names import portable_name
-from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, is_done, offline_cell
+from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import results_of
@@ -122,7 +120,7 @@ def tune(
     silent = why_without(done, work) if done else None
     if silent is None:
         run_estimates(done, work, **options)
-    made = _Trained(work, failures, silent).tuning(drawn, cells, unit)
+    made = _tuning(drawn, cells, unit, work, failures, silent)
     made.write(work)
     return made
 
@@ -132,7 +130,7 @@ def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
     why_not = why_without_data(cells)
     if why_not is None:
         run_cells(cells, work, **options)
-        trained = [cell for cell in cells if is_done(cell, cell_folder(work, cell))]
+        trained = [cell for cell in cells if cell.is_done(cell.folder(work))]
         why_not = why_without(trained, work) if trained else None
     if why_not is not None:
         raise ResultsError(
@@ -176,12 +174,22 @@ def _cells(
 ) -> tuple[list[list[Cell]], Literal["score", "return"]]:
     """The cells of each trial, one for each dataset, and what trials are compared by."""
     opened = {name: load(name, progress=progress) for name in study.datasets}
-    unit = _unit(opened.values())
+    without = [each.id for each in opened.values() if reference_of(each.spec) is None]
+    if without and len(opened) > 1:
+        raise ResultsError(
+            f"{without[0]} has no measured references, so that its returns have no common unit "
+            "with the scores of other datasets. Tune on it alone."
+        )
+    unit: Literal["score", "return"] = "return" if without else "score"
     digests = {name: each.digest for name, each in opened.items()}
+    parts: dict[str, int | None] = dict.fromkeys(opened)
+    for name, each in opened.items():
+        if n_steps is not None and each.episodes.lengths[:-1].sum() >= n_steps:
+            parts[name] = n_steps  # of fewer steps, all are kept
     cells = [
         [
-            offline_cell(study, label, name, digests.__getitem__, n_steps=_part(each, n_steps))
-            for name, each in opened.items()
+            offline_cell(study, label, name, digests.__getitem__, n_steps=part)
+            for name, part in parts.items()
         ]
         for label in study.algorithms
     ]
@@ -191,75 +199,57 @@ def _cells(
     return [[cell.model_copy(update=unscored) for cell in trial] for trial in cells], unit
 
 
-def _unit(datasets: Iterable[Dataset]) -> Literal["score", "return"]:
-    """What trials are compared by; raises ResultsError where it would not be the same for all."""
-    every = [*datasets]
-    without = [each.id for each in every if reference_of(each.spec) is None]
-    if without and len(every) > 1:
-        raise ResultsError(
-            f"{without[0]} has no measured references, so that its returns have no common unit "
-            "with the scores of other datasets. Tune on it alone."
-        )
-    return "return" if without else "score"
+def _tuning(
+    drawn: Sequence[dict[str, Any]],
+    cells: Sequence[Sequence[Cell]],
+    unit: Literal["score", "return"],
+    work: Path,
+    failures: Mapping[str, str],
+    silent: str | None,
+) -> Tuning:
+    """The record of trials, given what each changes, its cells, and why there are no estimates."""
+    first = cells[0][0]
+    return Tuning(
+        code_version=__version__,
+        algorithm=first.algorithm,
+        datasets={cell.data: cell.digest for cell in cells[0]},
+        n_updates=first.n_updates,
+        seeds=first.seeds,
+        n_episodes=first.n_episodes,
+        unit=unit,
+        without_estimates=silent,
+        trials=tuple(
+            _trial(settings, of_trial, work, failures, is_estimated=silent is None)
+            for settings, of_trial in zip(drawn, cells, strict=True)
+        ),
+    )
 
 
-def _part(dataset: Dataset, n_steps: int | None) -> int | None:
-    """The number of first steps to keep of a dataset; None where it has no more than these."""
-    is_whole = n_steps is None or dataset.episodes.lengths[:-1].sum() < n_steps
-    return None if is_whole else n_steps
+def _trial(
+    settings: dict[str, Any],
+    cells: Sequence[Cell],
+    work: Path,
+    failures: Mapping[str, str],
+    *,
+    is_estimated: bool,
+) -> Trial:
+    """A trial with its scores and estimates."""
+    failed = [failures[cell.name] for cell in cells if cell.name in failures]
+    known = [] if failed else cells
+    kind, config = resolve("algorithm", OFFLINE_ALGORITHMS, cells[0].algorithm), cells[0].config
+    defaults = json.loads(json.dumps(dataclasses.asdict(kind.Config())))
+    return Trial(
+        settings=settings,
+        config={name: value for name, value in config.items() if value != defaults[name]},
+        scores={cell.data: _score(cell, work) for cell in known if cell.n_episodes},
+        estimates={cell.data: read_estimates(cell, work) for cell in known if is_estimated},
+        failure=failed[0] if failed else None,
+    )
 
 
-@dataclass(frozen=True)
-class _Trained:
-    """What is known of the cells that were run in a folder."""
-
-    work: Path
-    failures: Mapping[str, str]
-    silent: str | None  # why there are no estimates
-
-    def tuning(
-        self,
-        drawn: Sequence[dict[str, Any]],
-        cells: Sequence[Sequence[Cell]],
-        unit: Literal["score", "return"],
-    ) -> Tuning:
-        """The trials, given what each changes and its cells."""
-        first = cells[0][0]
-        return Tuning(
-            code_version=__version__,
-            algorithm=first.algorithm,
-            datasets={cell.data: cell.digest for cell in cells[0]},
-            n_updates=first.n_updates,
-            seeds=first.seeds,
-            n_episodes=first.n_episodes,
-            unit=unit,
-            without_estimates=self.silent,
-            trials=tuple(map(self._trial, drawn, cells)),
-        )
-
-    def _trial(self, settings: dict[str, Any], cells: Sequence[Cell]) -> Trial:
-        """A trial with its scores and estimates."""
-        failed = [self.failures[cell.name] for cell in cells if cell.name in self.failures]
-        known = [] if failed else cells
-        estimated = known if self.silent is None else []
-        kind = resolve("algorithm", OFFLINE_ALGORITHMS, cells[0].algorithm)
-        return Trial(
-            settings=settings,
-            config=changed_settings(kind.Config, cells[0].config),
-            scores={cell.data: self._score(cell) for cell in known if cell.n_episodes},
-            estimates={cell.data: read_estimates(cell, self.work) for cell in estimated},
-            failure=failed[0] if failed else None,
-        )
-
-    def _score(self, cell: Cell) -> float:
-        # the cell's key has been compared: a folder may hold other data under a published name
-        (case,) = group_results(results_of([cell], self.work), is_checked=False).cases
-        is_scored = case.reference is not None
-        values = case.scores(cell.label) if is_scored else case.metric(cell.label, "return")
-        return float(values.mean())
-
-
-def changed_settings(kind: type, config: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the settings of a configuration that differ from the defaults, as JSON values."""
-    defaults = json.loads(json.dumps(dataclasses.asdict(kind())))
-    return {name: value for name, value in config.items() if value != defaults[name]}
+def _score(cell: Cell, work: Path) -> float:
+    # the cell's key has been compared: a folder may hold other data under a published name
+    (case,) = group_results(results_of([cell], work), is_checked=False).cases
+    is_scored = case.reference is not None
+    values = case.scores(cell.label) if is_scored else case.metric(cell.label, "return")
+    return float(values.mean())

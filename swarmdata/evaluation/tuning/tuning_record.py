@@ -26,10 +26,7 @@ CELLS = "cells"
 
 Rule = Literal["validation", "offline"]
 
-RULES: dict[Rule, str] = {
-    "validation": "validation episodes",
-    "offline": "offline estimates",
-}
+RULES: dict[Rule, str] = {"validation": "validation episodes", "offline": "offline estimates"}
 """What trials are chosen by: A, and B, which needs no simulator."""
 
 ESTIMATES = ("fqe_pessimistic", "imitation_error", "weighted_imitation_error")
@@ -120,8 +117,7 @@ class Tuning(Frozen):
             (written / "tuning.md").write_text(self.to_markdown(), encoding="utf-8")
             (written / "trials.csv").write_text(self.to_csv(), encoding="utf-8")
             if self.n_episodes:
-                (written / "curve.csv").write_text(self._curve_csv(), encoding="utf-8")
-                self._draw(written / "curve.png")
+                self._write_curve(written)
             for rule in self.rules:
                 chosen = self.trials[self.choice(rule)].config
                 text = yaml.safe_dump(chosen, sort_keys=False) if chosen else "{}\n"
@@ -163,7 +159,8 @@ class Tuning(Frozen):
         """Head and rows of a table of the default and of both choices."""
         numbers = {"the configuration as it is": 0}
         numbers |= {f"chosen by {RULES[rule]}": self.choice(rule) for rule in self.rules}
-        shown = (self.unit, *self.datasets) if self.n_episodes else self._estimate_heads()
+        estimated = (f"{ESTIMATES[0]} of {name}" for name in self.datasets)
+        shown = (self.unit, *self.datasets) if self.n_episodes else (*estimated,)
         head = ["", "trial", *shown, "settings"]
         rows = [
             [
@@ -175,9 +172,6 @@ class Tuning(Frozen):
             for words, k in numbers.items()
         ]
         return head, rows
-
-    def _estimate_heads(self) -> tuple[str, ...]:
-        return tuple(f"{ESTIMATES[0]} of {name}" for name in self.datasets)
 
     def _numbers(self, trial: Trial) -> list[str]:
         """What the trial reached: its scores; of data without a simulator, what decides rule B."""
@@ -210,21 +204,18 @@ class Tuning(Frozen):
             text += f" Nothing was chosen by offline estimates: {self.without_estimates}"
         return text
 
-    def _curve_csv(self) -> str:
-        curves = {rule: self.curve(rule).tolist() for rule in self.rules}
-        return to_csv(
-            [
-                {"trials": k + 1, **{rule: values[k] for rule, values in curves.items()}}
-                for k in range(len(self.trials))
-            ]
-        )
-
-    def _draw(self, path: Path) -> None:
-        progress = np.arange(1.0, len(self.trials) + 1)
-        curves = {RULES[rule]: Curve(progress, self.curve(rule)[None]) for rule in self.rules}
+    def _write_curve(self, folder: Path) -> None:
+        values, n = [self.curve(rule) for rule in self.rules], len(self.trials)
+        rows = zip(range(1, n + 1), *(each.tolist() for each in values), strict=True)
+        table = to_csv([dict(zip(("trials", *self.rules), row, strict=True)) for row in rows])
+        (folder / "curve.csv").write_text(table, encoding="utf-8")
+        curves = {
+            RULES[rule]: Curve(np.arange(1.0, n + 1), each[None])
+            for rule, each in zip(self.rules, values, strict=True)
+        }
         plot_curves(
-            curves, path, ylabel=f"expected {self.unit}", xlabel="trials",
-            references={"default": float(self.scores[0])} if self.trials[0].scores else None,
+            curves, folder / "curve.png", ylabel=f"expected {self.unit}", xlabel="trials",
+            references={"default": float(self.scores[0])} if self.trials[0].scores else {},
         )  # fmt: skip
 
 

@@ -27,8 +27,9 @@ from swarmdata.evaluation.robustness.sweep_tables import read_csv
 from swarmdata.evaluation.study.pages.row_differences import RowDifference, plot_row_differences
 from swarmdata.evaluation.study.pages.training_curves import plot_training_curves
 from swarmdata.evaluation.study.shifts.sweep_sections import plot_sweeps
-from swarmdata.rollouts.score_statistics import Estimate
-from tests.support.drawn import label_faults, shown_figure
+from tests.evaluation.figures.conftest import Shown
+from tests.support.drawn import label_faults
+from tests.support.measured import at
 
 ROOT = Path(__file__).parents[3]
 LABELS = [name for name in FAMILY_OF if name not in ("mappo", "maddpg")]
@@ -40,10 +41,6 @@ CONDITIONS = ("coop_nav", "coop_nav~lidar-16~none", "coop_nav~state+no-velocitie
 DATASETS = [f"{task}-{tier}" for task in TASKS for tier in
             ("medium-replay", "medium-expert", "expert", "lanes-two-conventions")]  # fmt: skip
 SWEEPS = sorted((ROOT / "cards/studies/robustness/sweeps").glob("*/sweep.csv"))
-
-
-def at(value: float, half: float = 3.0) -> Estimate:
-    return Estimate(value, value - half, value + half)
 
 
 def dots(path: Path) -> None:
@@ -176,39 +173,21 @@ def one_sweep(path: Path) -> None:
     ],
 )
 def test_labels_are_whole_and_apart_on_one_screen(
-    module: ModuleType,
-    draw: Callable[[Path], None],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    module: ModuleType, draw: Callable[[Path], None], shown: Shown
 ) -> None:
-    drawing = shown_figure(monkeypatch, module, lambda: draw(tmp_path / "a.png"))
+    drawing = shown(module, draw)
     assert label_faults(drawing) == []
     assert drawing.get_figheight() <= 6.0, "1,200 pixels"
 
 
 @pytest.mark.slow
-def test_lines_that_end_early_are_joined_to_their_labels(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawing = shown_figure(monkeypatch, line_plot, lambda: curves(tmp_path / "a.png"))
-    leaders = [sum(not text.get_text() for text in axes.texts) for axes in drawing.axes]
+def test_lines_that_end_early_are_joined_to_their_labels(shown: Shown) -> None:
+    panels = shown(line_plot, curves).axes
+    leaders = [sum(not text.get_text() for text in axes.texts) for axes in panels]
     assert leaders == [3] * len(CONDITIONS)  # of 4 lines
 
 
 @pytest.mark.slow
-def test_ticks_of_counts_are_whole_numbers(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    drawing = shown_figure(monkeypatch, line_plot, lambda: trials(tmp_path / "a.png"))
-    (axes,) = drawing.axes
+def test_ticks_of_counts_are_whole_numbers(shown: Shown) -> None:
+    (axes,) = shown(line_plot, trials).axes
     assert all(tick == round(tick) for tick in axes.get_xticks())
-
-
-def test_a_label_that_is_cut_off_or_covered_is_found(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    drawing = shown_figure(monkeypatch, dot_plot, lambda: dots(tmp_path / "a.png"))
-    drawing.text(0.5, 0.5, "one")
-    drawing.text(0.5, 0.5, "two")
-    drawing.text(0.99, 0.5, "a long name")
-    found = label_faults(drawing)
-    assert "'a long name' is cut off" in found
-    assert "'one' lies on 'two'" in found

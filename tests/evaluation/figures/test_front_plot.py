@@ -10,22 +10,18 @@ from swarmdata.drawing.style import family_looks
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures import front_plot
 from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
-from swarmdata.rollouts.score_statistics import Estimate
-from tests.support.drawn import shown_figure
-
-
-def at(value: float) -> Estimate:
-    return Estimate(value, value - 1.0, value + 1.0)
+from tests.evaluation.figures.conftest import Shown
+from tests.support.measured import at
 
 
 def panel(n: int, **changes: object) -> FrontPanel:
     """The first two of n points are on the front."""
-    points = {f"row_{k}": (at(float(k)), at(9.0 - k)) for k in range(n)}
+    points = {f"row_{k}": (at(float(k), 1.0), at(9.0 - k, 1.0)) for k in range(n)}
     return FrontPanel(points, ["row_0", "row_1"], **changes)  # type: ignore[arg-type]
 
 
 def test_panels_have_limits_of_their_own_and_far_points_are_listed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    shown: Shown, tmp_path: Path
 ) -> None:
     panels = {
         "a": panel(3, line=4.0),
@@ -33,17 +29,14 @@ def test_panels_have_limits_of_their_own_and_far_points_are_listed(
         "a-name-that-is-longer-than-its-panel": panel(6),
     }
     looks = family_looks({f"row_{k}": f"family {k}" for k in range(6)})
-    drawing = shown_figure(
-        monkeypatch,
-        front_plot,
-        lambda: plot_fronts(panels, looks, tmp_path / "a.png", xlabel="cost", ylabel="value"),
-    )
+    names = {"xlabel": "cost", "ylabel": "value"}
+    drawing = shown(front_plot, lambda path: plot_fronts(panels, looks, path, **names))
     first, second, third = drawing.axes
     assert first.get_ylim()[0] < 4.0 < second.get_ylim()[0], "only the first has a line there"
     assert second.get_xlim()[1] < third.get_xlim()[1]
     assert third.get_title(loc="left").count("\n") == 1
-    names = {text.get_text() for text in drawing.legends[0].get_texts()}
-    assert names == {*looks, "not Pareto-optimal", "mean of the data"}
+    found = {text.get_text() for text in drawing.legends[0].get_texts()}
+    assert found == {*looks, "not Pareto-optimal", "mean of the data"}
     assert second.get_xlabel() == "not in view: row_4 (4.0, 5.0)"
     with pytest.raises(SchemaError, match="no points to draw"):
-        plot_fronts({}, looks, tmp_path / "b.png", xlabel="", ylabel="")
+        plot_fronts({}, looks, tmp_path / "b.png", **names)

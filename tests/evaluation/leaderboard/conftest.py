@@ -1,13 +1,24 @@
 """Verification without a second interpreter."""
 
+import json
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 from tests.support.at_once import Forked
+
+
+def change_returns(entry: Path, change: Any) -> None:
+    """Adds to the returns that an entry says."""
+    for file in (entry / "results").iterdir():
+        document = json.loads(file.read_text())
+        document["metrics"]["return"] = list(np.add(document["metrics"]["return"], change))
+        file.write_text(json.dumps(document))
 
 
 def act_again(entry: str, out: str, n_episodes: str, n_threads: str) -> None:

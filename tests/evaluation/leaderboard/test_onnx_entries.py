@@ -1,6 +1,5 @@
 """Entries of other libraries: policies in files of ONNX."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from onnx import helper
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.leaderboard.entry import submit
 from swarmdata.evaluation.leaderboard.verify import verify
+from tests.evaluation.leaderboard.conftest import change_returns
 from tests.learn.deployment.test_onnx_policy import write
 from tests.support.onnx_files import with_last_nodes
 
@@ -35,16 +35,10 @@ def test_it_is_verified_and_an_altered_one_is_rejected(tmp_path: Path) -> None:
     found = submit(files, entry, DATASET, n_episodes=N_EPISODES, progress=False, **ABOUT)
     assert (found.algorithm, found.files[4]) == ("theirs", "policy-4.onnx")
     assert verify(entry, n_episodes=N_EPISODES).is_verified
-    for file in (entry / "results").iterdir():  # a little, as another runtime would
-        document = json.loads(file.read_text())
-        noise = np.random.default_rng(0).normal(0, 0.01, N_EPISODES)
-        document["metrics"]["return"] = list(np.add(document["metrics"]["return"], noise))
-        file.write_text(json.dumps(document))
+    noise = np.random.default_rng(0).normal(0, 0.01, N_EPISODES)
+    change_returns(entry, noise)  # a little, as another runtime would
     assert verify(entry, n_episodes=N_EPISODES).is_verified
-    for file in (entry / "results").iterdir():
-        document = json.loads(file.read_text())
-        document["metrics"]["return"] = [value + 50 for value in document["metrics"]["return"]]
-        file.write_text(json.dumps(document))
+    change_returns(entry, 50.0)
     assert "of the reserved episodes" in verify(entry, n_episodes=N_EPISODES).reasons[0]
 
 

@@ -1,6 +1,7 @@
 """Entries of a leaderboard: honest ones are verified, forged ones are rejected with the reason."""
 
 import json
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from shutil import copytree
@@ -35,6 +36,7 @@ from swarmdata.registry.published import published  # noqa: E402
 from swarmdata.registry.recipes import find_recipe  # noqa: E402
 from swarmdata.runtime.batches import Failures  # noqa: E402
 from swarmdata.specs.origins import task_of  # noqa: E402
+from tests.evaluation.leaderboard.conftest import change_returns  # noqa: E402
 from tests.support.command_line import run  # noqa: E402
 
 DATASET, N_SEEDS, N_EPISODES = "coop_nav-random-mini-v1", 5, 4
@@ -60,13 +62,9 @@ def write_entry(folder: Path, policies: list[Any], **changes: Any) -> Path:
     for index, policy in enumerate(policies):
         save_policy(folder / policy_name(index), policy)
     hashes = tuple(sha256(folder / policy_name(index)) for index in range(len(policies)))
-    shared: dict[str, Any] = {
-        "label": "mine",
-        "algorithm": "bc",
-        "dataset": DATASET,
-        "digest": digest,
-    }
-    found = tuple(Provenance(**shared, index=i, content=h) for i, h in enumerate(hashes))
+    one = Provenance(label="mine", algorithm="bc", dataset=DATASET, digest=digest)
+    contents = ({"index": index, "content": each} for index, each in enumerate(hashes))
+    found = tuple(one.model_copy(update=each) for each in contents)
     target = Target(task_of(recipe, "a test"), tuple(policies), found)
     evaluate_target(target, N_EPISODES, folder / "results", progress=False)
     description = Description(
@@ -112,27 +110,22 @@ def test_another_interpreter_finds_the_same(honest: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
 def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
-    for file in (forged / "results").iterdir():
-        document = json.loads(file.read_text())
-        document["metrics"]["return"] = [value + 1.0 for value in document["metrics"]["return"]]
-        file.write_text(json.dumps(document))
+    change_returns(forged, 1.0)
     verdict = verify(forged, n_episodes=N_EPISODES)
     assert "0.0% of the reserved episodes" in verdict.reasons[0]
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
-def test_policies_that_cannot_act_are_rejected(honest: Path, tmp_path: Path) -> None:
+def test_policies_that_cannot_act_are_rejected(forged: Path) -> None:
     """Their results are those of others: what has no numbers cannot be evaluated at all."""
-    entry = copytree(honest, tmp_path / "entry")
     broken = network(0)
     broken.layers[0].weight.fill_(torch.nan)
-    save_policy(entry / policy_name(0), broken)
-    old, new = json.loads((entry / "entry.json").read_text())["policies"][0], None
-    new = sha256(entry / policy_name(0))
-    for file in (entry / "entry.json", *(entry / "results").iterdir()):
-        file.write_text(file.read_text().replace(old, new))
-    assert "could not act" in verify(entry, n_episodes=N_EPISODES).reasons[0]
+    old = sha256(forged / policy_name(0))
+    save_policy(forged / policy_name(0), broken)
+    for file in (forged / "entry.json", *(forged / "results").iterdir()):
+        file.write_text(file.read_text().replace(old, sha256(forged / policy_name(0))))
+    assert "could not act" in verify(forged, n_episodes=N_EPISODES).reasons[0]
 
 
 def test_a_slow_entry_is_rejected(honest: Path) -> None:
@@ -184,15 +177,8 @@ def test_policies_chosen_on_the_reserved_episodes_are_rejected(honest: Path) -> 
     one = load_result(next((honest / "results").iterdir()))
 
     def claims(returns: Any) -> list[Result]:
-        made = []
-        for each in returns:
-            measured = one.evaluation
-            metrics = {**measured.metrics, "return": each}
-            evaluation = type(measured)(
-                measured.policy, measured.task, measured.spec_hash, measured.seeds, metrics
-            )
-            made.append(Result(evaluation, one.provenance, one.spec))
-        return made
+        evaluations = (replace(one.evaluation, metrics={"return": each}) for each in returns)
+        return [replace(one, evaluation=each) for each in evaluations]
 
     assert _compared(claims(reserved), reserved, fresh).is_verified
     error = np.sqrt((reserved.mean(0).var() + fresh.mean(0).var()) / 400)

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="ranking needs the torch extra")
 
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.policy_selection.rank import rank
@@ -25,6 +23,7 @@ from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.specs.recipe import Splits
+from tests.support.command_line import run as run_command
 from tests.support.tiny import make_tiny
 
 SMALL = FQEConfig(n_updates=20, hidden=(8,), batch_size=16)
@@ -178,15 +177,12 @@ def test_runs_must_be_of_the_dataset(made: Made, tmp_path: Path) -> None:
 
 def test_the_command_prints_and_writes(made: Made, tmp_path: Path) -> None:
     settings = ("--set", "n_updates=3", "--set", "hidden=4", "--set", "batch_size=4")
-    command = ["rank", *map(str, made.runs), "--dataset", str(made.data), *settings]
-    result = CliRunner().invoke(app, [*command, "--out", str(tmp_path / "out")])
-    assert result.exit_code == 0, result.output
+    command = ("rank", *made.runs, "--dataset", made.data, *settings)
+    printed = run_command(*command, "--out", tmp_path / "out")
     written = Ranking.from_file(tmp_path / "out" / "ranking.json")
     assert (written.n_updates, written.hidden) == (3, (4,))
-    assert written.to_text() in result.output
-    wrong = CliRunner().invoke(app, [*command, "--by", "fqa"])
-    assert wrong.exit_code == 1
-    assert "Did you mean 'fqe'" in wrong.output
+    assert written.to_text() in printed
+    assert "Did you mean 'fqe'" in run_command(*command, "--by", "fqa", code=1)
 
 
 def test_an_empty_validation_split_is_named(tmp_path: Path) -> None:

@@ -1,7 +1,5 @@
 """A ranking as tables and as a file."""
 
-import csv
-import io
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ from swarmdata.evaluation.policy_selection.ranking_record import (
     RankedPolicy,
     Ranking,
 )
+from tests.support.measured import csv_rows
 
 
 def policy(**changes: Any) -> RankedPolicy:
@@ -78,7 +77,7 @@ def test_a_row_says_who_and_every_criterion() -> None:
 
 
 def test_csv_has_every_value_at_full_precision() -> None:
-    rows = list(csv.DictReader(io.StringIO(scored().to_csv())))
+    rows = csv_rows(scored().to_csv())
     assert [row["rank"] for row in rows] == ["1", "2"]
     assert float(rows[0]["imitation_error"]) == 0.01234
     assert (rows[0]["fqe_low"], rows[0]["td_error"]) == ("1.0", "")

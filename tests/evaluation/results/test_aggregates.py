@@ -43,7 +43,7 @@ def test_a_profile_is_the_share_of_runs_above(table: Double) -> None:
     assert profile[0] == 1.0
     assert profile[-1] == 0.0
     assert (np.diff(profile) <= 0).all()
-    grid_of = thresholds_of({"x": table}, 4001)
+    grid_of = thresholds_of({"x": table})
     width = grid_of[1] - grid_of[0]  # the area under the profile is the mean
     area = grid_of[0] + width * performance_profile(table, grid_of)[1:].sum()
     assert area == pytest.approx(table.mean(), abs=2 * width)

@@ -1,7 +1,5 @@
 """Tables are written in one format, whatever is in a name."""
 
-import csv
-import io
 import math
 import re
 
@@ -10,14 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.evaluation.results.estimate_table import (
-    Column,
-    Row,
-    Table,
-    format_estimate,
-    format_number,
-)
+from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.rollouts.score_statistics import Estimate
+from tests.support.measured import csv_rows
 
 TABLE = Table(
     (Column("score", "score", "", 1), Column("success", "success", "%", 1, 100.0)),
@@ -50,25 +43,14 @@ def test_text_is_aligned() -> None:
 
 
 def test_csv_has_every_bit() -> None:
-    rows = list(csv.DictReader(io.StringIO(TABLE.to_csv())))
+    rows = csv_rows(TABLE.to_csv())
     assert list(rows[0])[:5] == ["policy", "runs", "score", "score_low", "score_high"]
     assert float(rows[0]["success_high"]) == 0.335
     assert rows[1]["policy"] == "bc|x"
     assert rows[1]["success"] == ""
 
 
-def test_numbers_are_written_in_one_way() -> None:
-    percent = Column("success", "success", "%", 1, 100.0)
-    assert format_number(0.12345, percent) == "12.3"
-    assert format_number(-0.0001, percent) == "0.0"
-    assert format_number(-0.01, percent) == "-1.0"
-    assert format_estimate(Estimate(0.5, 0.4, 0.6), percent) == "50.0 [40.0, 60.0]"
-    assert percent.header == "success (%)"
-
-
 def test_a_value_without_an_interval_stands_alone() -> None:
-    percent = Column("success", "success", "%", 1, 100.0)
-    assert format_estimate(Estimate(0.5, math.nan, math.nan), percent) == "50.0"
     row = Row("data", 0, (Estimate(3.0, math.nan, math.nan), Estimate(0.5, 0.4, 0.6)))
     table = Table(TABLE.columns, (*TABLE.rows, row), "")
     assert "| data | – | 3.0 | 50.0 [40.0, 60.0] |" in table.to_markdown()

@@ -4,9 +4,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
 from swarmdata.errors import BuildError, ResultsError
 from swarmdata.evaluation.results.evaluation_jobs import (
     Evaluation,
@@ -17,6 +15,7 @@ from swarmdata.evaluation.results.evaluation_jobs import (
     run_evaluations,
 )
 from tests.support.at_once import run_at_once
+from tests.support.command_line import run
 from tests.support.tiny import abandoned
 
 N = 2
@@ -57,25 +56,17 @@ def test_two_commands_at_once_leave_the_same_files(alone: Path, tmp_path: Path) 
 def test_parts_are_collected_by_a_command_that_evaluates_nothing(
     alone: Path, tmp_path: Path
 ) -> None:
-    def run(*options: str) -> tuple[int, str]:
-        line = ["evaluate", "expert", "scripted", "--episodes", str(N), "--out", str(tmp_path)]
-        result = CliRunner().invoke(app, [*line, *options])
-        return result.exit_code, result.output
-
+    line = ("evaluate", "expert", "scripted", "--episodes", N, "--out", tmp_path)
     n = len(evaluations(tmp_path))
     half = n // 2
-    assert run("--part", "2/2") == (0, f"{half} of {n} results made in {tmp_path}\n")
-    assert run("--part", "2/2") == (0, f"0 of {n} results made in {tmp_path}\n")
-    code, output = run("--collect")
-    assert code == 1
-    assert f"{n - half} of {n} evaluations are not done" in output
-    assert run("--part", "1/2")[0] == 0
+    assert run(*line, "--part", "2/2") == f"{half} of {n} results made in {tmp_path}\n"
+    assert run(*line, "--part", "2/2") == f"0 of {n} results made in {tmp_path}\n"
+    assert f"{n - half} of {n} evaluations are not done" in run(*line, "--collect", code=1)
+    run(*line, "--part", "1/2")
     assert files(tmp_path) == files(alone)
-    code, output = run("--collect")
-    assert code == 0
-    assert "expert" in output
+    assert "expert" in run(*line, "--collect")
     for wrong in ("0/2", "3/2", "2", "a/b"):
-        assert "expected K/N" in run("--part", wrong)[1]
+        assert "expected K/N" in run(*line, "--part", wrong, code=2)
 
 
 def test_only_what_is_missing_is_evaluated(alone: Path, tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from swarmdata.evaluation.results.online_report import read_training, write_onli
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.measured import csv_rows
 
 SMALL = MAPPOConfig(n_steps=128, n_copies=4, rollout_steps=8, hidden=8, minibatch=64)
 
@@ -36,8 +37,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def change(path: Path, name: str, values: dict[tuple[str, str], float], other: float) -> None:
-    with path.open(newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = csv_rows(path.read_text())
     who = "seed" if "seed" in rows[0] else "n_seeds"
     with path.open("w", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]), lineterminator="\n")
@@ -59,9 +59,10 @@ def test_the_table_counts_what_was_reached_and_what_it_cost(runs: Path, tmp_path
     assert cells[10] == "1.5 GB"
     assert (tmp_path / "out" / "table.md").read_text() == table
     assert (tmp_path / "out" / "learning.png").stat().st_size > 10_000
-    with (tmp_path / "out" / "coop_nav-mappo.csv").open(newline="") as file:
-        rows = [(row["frames"], row["seed"]) for row in csv.DictReader(file)]
-    assert rows == [(f, s) for f in ("64", "128") for s in ("0", "1", "2")]
+    rows = csv_rows((tmp_path / "out" / "coop_nav-mappo.csv").read_text())
+    assert [(row["frames"], row["seed"]) for row in rows] == [
+        (f, s) for f in ("64", "128") for s in ("0", "1", "2")
+    ]
 
 
 def test_runs_of_different_tasks_are_not_one_training(tmp_path: Path) -> None:

@@ -7,14 +7,19 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+
+pytest.importorskip("torch", reason="runs need the torch extra")
 
 from swarmdata import __version__
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.envs.world.pettingzoo import ParallelWorld
-from swarmdata.errors import ResultsError, SchemaError, SpecError, UnknownNameError
-from swarmdata.evaluation.results import policy_names
+from swarmdata.errors import (
+    CheckpointError,
+    ResultsError,
+    SchemaError,
+    SpecError,
+    UnknownNameError,
+)
 from swarmdata.evaluation.results.clips import draw_target
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
@@ -27,11 +32,11 @@ from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.evaluation.runs.train import train, train_online
 from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
+from swarmdata.learn.training.run_folder import read_run
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import TaskReferences
 from swarmdata.registry.recipes import checkpoints
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.rollouts.side_policy import step_of_side
@@ -40,7 +45,7 @@ from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from tests.record.worlds import Counting, play, steady
-from tests.support.measured import references_at
+from tests.support.command_line import run
 from tests.support.tiny import make_tiny
 
 pytestmark = pytest.mark.usefixtures("one_process")
@@ -86,38 +91,10 @@ def test_a_dataset_is_its_policies_under_the_models_given() -> None:
         find_target("coop_nav-medium", observation="bearing")
 
 
-def test_unknown_names() -> None:
-    with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
-        find_target("idle", observation="lidr")
-    with pytest.raises(UnknownNameError, match="unknown task 'coop_nv'"):
-        find_target("idle", "coop_nv")
-
-
-def test_scores_are_those_of_the_same_world(monkeypatch: pytest.MonkeyPatch) -> None:
-    def references_of(spec_hash: str) -> TaskReferences | None:
-        if spec_hash != HEADLINE.hash():
-            return None
-        return references_at(spec_hash, idle=-12.0, random=-13.0, expert=6.0)
-
-    monkeypatch.setattr("swarmdata.evaluation.results.result_set.references_of", references_of)
-    for task, has_score in ((HEADLINE, True), (TaskSpec(horizon=20), False)):
-        spec = with_models(task, "lidar", "lossy-30")
-        monkeypatch.setattr(policy_names, "find_spec", lambda _, spec=spec: spec)
-        target = find_target("idle")
-        (case,) = group_results(evaluate_target(target, 2, progress=False)).baselines
-        table = case_table(case)
-        assert ("score" in [column.key for column in table.columns]) == has_score
-
-
 @pytest.mark.slow
 def test_a_run_on_a_view_is_evaluated_under_its_models(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("torch", reason="training needs the torch extra")
-    from swarmdata.errors import CheckpointError
-    from swarmdata.evaluation.runs.train import train
-    from swarmdata.learn.training.run_folder import read_run
-
     monkeypatch.setattr(request, "find_recipe", lambda _: TINY)
     models: dict[str, Any] = {"observation": "lidar", "communication": "lossy-30"}
     settings = {"n_updates": "2", "hidden": "8", "batch_size": "16"}
@@ -126,20 +103,20 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
         train("bc", "x", tmp_path / "run", n_seeds=1, changes=settings, progress=False, **chosen)
 
     train_tiny(**models)
-    run = read_run(tmp_path / "run")
-    assert run.view is not None
-    assert run.spec == with_models(TINY.spec, **models)
+    made = read_run(tmp_path / "run")
+    assert made.view is not None
+    assert made.spec == with_models(TINY.spec, **models)
     with pytest.raises(CheckpointError, match="differs in: view is"):
         train_tiny()
 
     target = find_target(str(tmp_path / "run"))
-    assert target.spec == run.spec
+    assert target.spec == made.spec
     (provenance,) = target.provenances
     assert (provenance.label, provenance.dataset) == ("run", "coop_nav-tiny-v0")
-    assert (provenance.view, provenance.digest) == (run.view, run.digest)
+    assert (provenance.view, provenance.digest) == (made.view, made.digest)
     assert (provenance.updates, provenance.seed) == (2, 0)
     assert provenance.config["n_updates"] == 2
-    assert find_target(str(tmp_path / "run"), **models).spec == run.spec
+    assert find_target(str(tmp_path / "run"), **models).spec == made.spec
     harder = find_target(str(tmp_path / "run"), "coop_nav", None, "bursty-40")
     assert harder.spec.communication == communication_model("bursty-40"), "without the losses"
     assert evaluate_target(harder, 2, progress=False)[0].spec == harder.spec
@@ -150,34 +127,22 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
 def test_a_run_on_other_rewards_is_evaluated_on_those_of_the_task(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("torch", reason="training needs the torch extra")
-    from swarmdata.learn.training.run_folder import read_run
-
     monkeypatch.setattr(request, "find_recipe", lambda _: TINY)
-    arguments = ["train", "bc", "x", "--out", str(tmp_path / "run"), "--seeds", "1"]
-    arguments += ["--updates", "2", "--set", "hidden=8", "--set", "batch_size=16"]
-
-    def run_command(*options: str) -> Any:
-        return CliRunner().invoke(app, [*arguments, *options])
-
-    result = run_command("--reward", "robot_collision=1.5", "--reward", "time=0")
-    assert result.exit_code == 0, result.output
-    run = read_run(tmp_path / "run")
-    assert run.view == '{"rewards":{"robot_collision":1.5,"time":0.0}}'
-    assert run.spec == TINY.spec
-    assert load("x", **json.loads(run.view)).view == run.view
-    again = run_command("--reward", "robot_collision=1.5")
-    assert again.exit_code == 1
-    assert "differs in: view is" in again.output
+    line: list[object] = ["train", "bc", "x", "--out", tmp_path / "run", "--seeds", "1"]
+    line += ["--updates", "2", "--set", "hidden=8", "--set", "batch_size=16", "--reward"]
+    run(*line, "robot_collision=1.5", "--reward", "time=0")
+    made = read_run(tmp_path / "run")
+    assert made.view == '{"rewards":{"robot_collision":1.5,"time":0.0}}'
+    assert made.spec == TINY.spec
+    assert load("x", **json.loads(made.view)).view == made.view
+    assert "differs in: view is" in run(*line, "robot_collision=1.5", code=1)
     target = find_target(str(tmp_path / "run"))
     assert target.spec == TINY.spec
     (provenance,) = target.provenances
-    assert provenance.view == run.view
+    assert provenance.view == made.view
     assert provenance.dataset_key == provenance.dataset, "it is evaluated like any other"
-    unknown = run_command("--reward", "colision=1")
-    assert unknown.exit_code == 1
-    assert "unknown reward weight 'colision'" in unknown.output
-    assert "unknown set of reward weights 'save'" in run_command("--reward", "save").output
+    assert "unknown reward weight 'colision'" in run(*line, "colision=1", code=1)
+    assert "unknown set of reward weights 'save'" in run(*line, "save", code=1)
 
     results = tmp_path / "results"
     (first,) = evaluate_target(target, 2, results, progress=False)
@@ -225,21 +190,15 @@ def test_a_name_of_both_kinds_trains_offline_on_a_dataset(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Online runs of the same name: test_training."""
-    pytest.importorskip("torch", reason="training needs the torch extra")
-    from swarmdata.learn.training.run_folder import read_run
-
     monkeypatch.setattr(request, "find_recipe", lambda _: TINY)
-    out = str(tmp_path / "run")
-    words = ["train", "vdn", "x", "--updates", "2", "--seeds", "1", "--regulariser", "cql"]
-    settings = ["--set", "hidden=8", "--set", "batch_size=16", "--out", out]
-    result = CliRunner().invoke(app, words + settings)
-    assert result.exit_code == 0, result.output
+    settings = ("--set", "hidden=8", "--set", "batch_size=16", "--out", tmp_path / "run")
+    run("train", "vdn", "x", "--updates", "2", "--seeds", "1", "--regulariser", "cql", *settings)
     assert read_run(tmp_path / "run").config["regulariser"] == "cql"
-    target = find_target(out)
+    target = find_target(str(tmp_path / "run"))
     assert target.provenances[0].dataset == "coop_nav-tiny-v0"
     assert len(evaluate_target(target, 2, progress=False)) == 1
-    result = CliRunner().invoke(app, ["train", "bc", "x", "--regulariser", "cql", "--out", "y"])
-    assert "unknown setting 'regulariser'" in result.output
+    refused = run("train", "bc", "x", "--regulariser", "cql", "--out", "y", code=1)
+    assert "unknown setting 'regulariser'" in refused
 
 
 @pytest.fixture
@@ -278,13 +237,9 @@ def spec_file(dataset: Path) -> str:
 @pytest.mark.slow
 def test_copied_networks_of_an_own_dataset_act(tmp_path: Path) -> None:
     """They are in its folder, and the run is not needed again."""
-    pytest.importorskip("torch", reason="training needs torch")
-    from swarmdata.learn.training.trainer import train_seeds
-    from tests.learn.training.test_trainer import config_of
-
     data = Dataset.open(make_tiny(tmp_path / "tiny"))
-    settings = config_of("bc", n_updates=3)
-    train_seeds("bc", data, tmp_path / "run", seeds=(0, 1), config=settings, progress=False)
+    few = {"n_updates": 3, "hidden": 8, "batch_size": 16}
+    train("bc", tmp_path / "tiny", tmp_path / "run", n_seeds=2, changes=few, progress=False)
     generate(data.task, tmp_path / "run", id="coop_nav-mine-v0", n_steps=200,
              out=tmp_path / "mine", workers=1, progress=False)  # fmt: skip
     recorded = Dataset.open(tmp_path / "mine")
@@ -422,13 +377,8 @@ def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Pat
 def test_the_command_line_trains_and_evaluates_sides(
     tag_runs: dict[str, Path], tmp_path: Path
 ) -> None:
-    def run(*words: str) -> str:
-        done = CliRunner().invoke(app, list(words))
-        assert done.exit_code == 0, done.output
-        return done.output
-
-    out = str(tmp_path / "run")
-    run("train", "bc", str(tag_runs["data"]), "--side", "evader", "--seeds", "1", "--updates", "3",
+    out = tmp_path / "run"
+    run("train", "bc", tag_runs["data"], "--side", "evader", "--seeds", "1", "--updates", "3",
         "--out", out)  # fmt: skip
     assert "tag: evader against tag-greedy" in run(
         "evaluate", out, "--opponents", "tag-greedy", "--episodes", "2"

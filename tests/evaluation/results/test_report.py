@@ -9,9 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.results.report import REPORT, shown_cases, tables_of, write_report
 from swarmdata.evaluation.results.result_files import save_result
 from swarmdata.evaluation.results.result_set import group_results
-from tests.support.measured import EXPERT, MEDIUM, foreign, grid, result
-
-MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
+from tests.support.measured import EXPERT, MEANS, MEDIUM, foreign, grid, result
 
 
 @pytest.mark.slow

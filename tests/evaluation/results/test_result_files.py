@@ -78,24 +78,6 @@ def test_labels_stay_within_their_folder() -> None:
             Provenance(label="bc", dataset=label)
 
 
-def test_a_run_is_named_relative_to_the_file(tmp_path: Path) -> None:
-    run, folder = tmp_path / "runs" / "bc", tmp_path / "results"
-    path = save_result(result(run=str(run)), folder)
-    assert load_result(path).provenance.run == "../runs/bc"
-    assert load_result(path).run_folder is not None
-    assert load_result(path).run_folder.resolve() == run  # type: ignore[union-attr]
-    assert result(run=str(run)).run_folder is None  # not read from a file
-
-
-def test_the_file_is_strict_json_with_null_for_undefined(tmp_path: Path) -> None:
-    def refuse(token: str) -> None:
-        raise AssertionError(token)
-
-    data = json.loads(save_result(result(), tmp_path).read_text(), parse_constant=refuse)
-    assert data["metrics"]["time_to_goal"][0] is None
-    assert data["spec"]["horizon"] == COOP_NAV.horizon
-
-
 def test_what_json_cannot_hold_is_refused_and_the_old_file_stays(tmp_path: Path) -> None:
     path = save_result(result(), tmp_path)
     before, broken = path.read_bytes(), result()

@@ -24,7 +24,7 @@ from swarmdata.rollouts import score_statistics
 from swarmdata.rollouts.score_intervals import TARGET_OF_SEVERAL, mean_interval, rate_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import models_of, with_models
-from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, foreign, grid, result
+from tests.support.measured import COOP_NAV, EXPERT, MEANS, MEDIUM, foreign, grid, result
 
 
 def cells(table: Table, label: str) -> dict[str, Estimate]:
@@ -110,9 +110,6 @@ def test_other_environments_have_their_own_columns() -> None:
     assert row["length"].value == 4.0
     assert math.isnan(row["success"].value)
     assert "counting_v1 of another library" in table.caption
-
-
-MEANS = {"bc": {MEDIUM: 1.0, EXPERT: 5.0}, "omar": {MEDIUM: 2.0, EXPERT: 6.0}}
 
 
 def test_labels_by_dataset() -> None:

@@ -1,7 +1,5 @@
 """Policies in two simulators: the same seeds, paired tables, ranks, and what is refused."""
 
-import csv
-import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,6 +14,7 @@ from swarmdata.evaluation.robustness.simulator_transfer import (
 )
 from swarmdata.registry.presets import preset
 from swarmdata.types import Double
+from tests.support.measured import csv_rows
 
 ROOT = Path(__file__).parents[3]
 
@@ -68,15 +67,6 @@ def test_scores_are_on_the_scale_of_the_first(teams: list[TeamTransfer]) -> None
     assert rank_agreement(teams[:2]) is None
 
 
-def test_an_interrupted_transfer_resumes(tmp_path: Path) -> None:
-    compared(["idle"], tmp_path, 2)
-    results = tmp_path / "results"
-    written = {path: path.stat().st_mtime_ns for path in results.iterdir()}
-    assert len(written) == 2
-    compared(["idle"], tmp_path, 2)
-    assert written == {path: path.stat().st_mtime_ns for path in results.iterdir()}
-
-
 def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SpecError, match="idle acts in pymunk already"):
         compare_simulators(["idle"], tmp_path, backend="pymunk")
@@ -92,7 +82,7 @@ def test_what_cannot_be_compared_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_table_has_what_was_measured(teams: list[TeamTransfer], out: Path) -> None:
-    rows = list(csv.DictReader(io.StringIO((out / "simulators.csv").read_text())))
+    rows = csv_rows((out / "simulators.csv").read_text())
     found = {
         (row["team"], row["quantity"], row["backend"]): float(row["mean"])
         for row in rows

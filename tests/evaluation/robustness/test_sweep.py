@@ -1,9 +1,9 @@
 """Sweeps: the same numbers as an evaluation, resumed after a stop, refused if they say nothing."""
 
-import csv
 import json
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="a run is trained")
 pytest.importorskip("matplotlib", reason="a sweep has figures")
 
-from swarmdata.cli.main import app
 from swarmdata.errors import ResultsError, SpecError
 from swarmdata.evaluation.results import target_evaluation
 from swarmdata.evaluation.results.policy_names import find_target
@@ -24,7 +22,6 @@ from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case, read_results, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
-from swarmdata.evaluation.robustness import sweep as sweep_module
 from swarmdata.evaluation.robustness.sweep import SWEEP, plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, change_of, estimates_of
@@ -34,9 +31,10 @@ from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double, EvalResult
 from tests.support.at_once import run_at_once
+from tests.support.command_line import run
 from tests.support.drawn import save_empty_figures
 from tests.support.measured import COOP_NAV as SPEC
-from tests.support.measured import result
+from tests.support.measured import csv_rows, result
 
 DROP = parse_axis("drop=0,0.6", "communication")
 NOISE = parse_axis("noise=0..0.2", "observation", 2)
@@ -61,12 +59,6 @@ def runs(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) 
     for name, communication in (("talks", "lossy-30"), ("silent", None)):
         train_run(folder / name, dataset, communication)
     return folder
-
-
-@pytest.fixture
-def without_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures take longer than these sweeps, and have tests of their own."""
-    monkeypatch.setattr(sweep_module, "plot_degradation", lambda found, out: None)
 
 
 def swept_to(out: Path, names: list[Path], axes: list[Axis], **options: Any) -> list[Degradation]:
@@ -97,6 +89,8 @@ def test_a_sweep_leaves_results_tables_and_figures(swept: Path) -> None:
     assert "| talks, drop 0.3 (as trained) | 2 |" in text
     assert "| talks, noise 0 (as trained) | 2 |" in text
     assert f"the same {N} evaluation seeds" in text
+    rows = [row for row in csv_rows((swept / "sweep.csv").read_text()) if row["metric"] == "return"]
+    assert [row["value"] for row in rows] == ["0.0", "0.3", "0.6", "0.0", "0.2"]
 
 
 def test_a_point_is_what_evaluate_measures(swept: Path, runs: Path, tmp_path: Path) -> None:
@@ -111,21 +105,13 @@ def test_a_point_is_what_evaluate_measures(swept: Path, runs: Path, tmp_path: Pa
     assert len(case.runs["talks"]) == 2
 
 
-def test_the_csv_is_tidy(swept: Path) -> None:
-    with (swept / "sweep.csv").open(newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert {row["metric"] for row in rows} >= {"return", "success", "clean_success"}
-    keys = [(row["parameter"], row["value"], row["policy"], row["metric"]) for row in rows]
-    assert len(set(keys)) == len(keys)
-    drops = [float(row["value"]) for row in rows if row["metric"] == "return"][:3]
-    assert drops == [0.0, 0.3, 0.6]
-    for row in rows:
-        assert float(row["low"]) <= float(row["estimate"]) <= float(row["high"])
-        if row["metric"] == "return_change" and row["as_trained"] == "1":
-            assert float(row["estimate"]) == 0.0
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file of a sweep but figures, by its path."""
+    files = (path for path in folder.rglob("*") if path.suffix in {".csv", ".md", ".json"})
+    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
 
 
-@pytest.mark.usefixtures("without_figures")
+@pytest.mark.usefixtures("empty_figures")
 def test_a_stopped_sweep_goes_on_where_it_was(
     runs: Path, swept: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -147,14 +133,7 @@ def test_a_stopped_sweep_goes_on_where_it_was(
     calls.extend(["before"] * 4)  # no more interrupts
     swept_to(tmp_path, [runs / "talks"], [DROP, NOISE])
     assert len(calls) - 4 == 8 - 3
-    for path in (path for path in swept.rglob("[!.]*") if path.suffix in {".csv", ".md", ".json"}):
-        assert (tmp_path / path.relative_to(swept)).read_bytes() == path.read_bytes()
-
-
-def content(folder: Path) -> dict[str, bytes]:
-    """Every file of a sweep but figures, by its path."""
-    files = (path for path in folder.rglob("*") if path.suffix in {".csv", ".md", ".json"})
-    return {str(path.relative_to(folder)): path.read_bytes() for path in files}
+    assert content(tmp_path) == content(swept)
 
 
 @pytest.mark.slow
@@ -167,11 +146,7 @@ def test_points_are_run_by_schedulers_in_any_order_and_at_once(
         "noise=0..0.2", "--values", "2", "--episodes", str(N), "--out", str(out),
     )  # fmt: skip
 
-    def command(*options: str, code: int = 0) -> str:
-        result = CliRunner().invoke(app, [*line, *options])
-        assert result.exit_code == code, result.output
-        return result.output
-
+    command = partial(run, *line)
     rows = [json.loads(text) for text in command("--points", "--json").splitlines()]
     assert [row["point"] for row in rows] == [
         "talks/trained", "talks/communication-drop-0.0", "talks/communication-drop-0.6",
@@ -195,7 +170,7 @@ def test_points_are_run_by_schedulers_in_any_order_and_at_once(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
+@pytest.mark.usefixtures("empty_figures")
 def test_a_run_on_another_dataset_or_view_is_another_line(runs: Path, tmp_path: Path) -> None:
     train_run(tmp_path / "silent", runs / "data", "lossy-30")
     (found,) = swept_to(tmp_path / "out", [runs / "silent", tmp_path / "silent"], [NOISE])
@@ -233,7 +208,7 @@ def test_what_says_nothing_is_refused_before_anything_is_measured(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("without_figures")
+@pytest.mark.usefixtures("empty_figures")
 def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
     sight = parse_axis("range=2,1", "observation")
     (found,) = swept_to(tmp_path, [Path("expert")], [sight], n_episodes=2)
@@ -244,7 +219,7 @@ def test_a_tier_is_swept_on_the_scale_of_its_task(tmp_path: Path) -> None:
     assert line.trained.estimates[found.column("score_change")] == (0.0, 0.0, 0.0)
 
 
-@pytest.mark.usefixtures("without_figures")
+@pytest.mark.usefixtures("empty_figures")
 def test_another_simulator_is_not_called_that_of_training(tmp_path: Path) -> None:
     delay = parse_axis("command_delay=0,1", "body")
     (found,) = swept_to(tmp_path, [Path("expert")], [delay], n_episodes=2, backend="kinematic")

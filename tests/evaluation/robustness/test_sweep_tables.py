@@ -1,7 +1,5 @@
 """Tables of sweeps: what is said of teams along an axis, with every number."""
 
-import csv
-import io
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +18,7 @@ from swarmdata.evaluation.robustness.sweep_tables import (
 )
 from swarmdata.rollouts.score_intervals import TARGET_OF_ONE, TARGET_OF_SEVERAL
 from swarmdata.rollouts.score_statistics import Estimate
+from tests.support.measured import csv_rows
 
 COLUMNS = (Column("return", "return", "", 2), Column("success", "success", "%", 1, 100.0))
 
@@ -58,7 +57,7 @@ def test_another_world_than_that_of_training_is_not_called_that() -> None:
 
 
 def test_csv_has_one_estimate_in_a_row() -> None:
-    rows = list(csv.DictReader(io.StringIO(write_csv([MEASURED]))))
+    rows = csv_rows(write_csv([MEASURED]))
     assert list(rows[0])[:4] == ["part", "parameter", "value", "as_trained"]
     assert len(rows) == 2 * 4
     undefined = [row for row in rows if row["estimate"] == ""]

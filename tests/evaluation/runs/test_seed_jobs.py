@@ -1,7 +1,6 @@
 """Seeds in several processes: the same policies as together, in any order, twice, and at once."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -70,17 +69,6 @@ def test_processes_train_the_same_policies(together: Path, dataset: Path, tmp_pa
     assert last.metrics["return"].tobytes() == measured(together)[2][3]
     again = train_in(tmp_path / "bc", dataset, workers=2)  # nothing is left to train
     assert len(again) == N_SEEDS
-
-
-@pytest.mark.slow
-def test_an_executor_trains_each_seed_for_itself(
-    together: Path, dataset: Path, tmp_path: Path
-) -> None:
-    with ThreadPoolExecutor(1) as executor:
-        train_in(tmp_path / "bc", dataset, engine=executor)
-    assert [each.name for each in run_folders(tmp_path / "bc")] == ["seeds-0", "seeds-1", "seeds-2"]
-    assert measured(tmp_path / "bc") == measured(together)
-    assert losses(tmp_path / "bc") == losses(together)
 
 
 @pytest.mark.slow

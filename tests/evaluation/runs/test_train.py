@@ -114,28 +114,16 @@ def test_wrong_settings_are_errors(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_auto_trains_what_it_chooses(
-    tiny: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
-) -> None:
+def test_auto_says_and_trains_what_it_chooses(tiny: Path, tmp_path: Path) -> None:
     """In the tiny dataset, `straight` is far better than `random`, and nothing is solved."""
     choice = choose_for(load(tiny))
-    caplog.clear()
-    with caplog.at_level("INFO", "swarmdata"):
-        changes = {"n_updates": 2, "batch_size": 8}
-        train("auto", tiny, tmp_path / "a", n_seeds=1, changes=changes, progress=False)
-    assert [each.getMessage() for each in caplog.records] == [choice.line]
-    made = read_run(tmp_path / "a")
+    sizes = ("--seeds", "1", "--updates", "2", "--set", "batch_size=8")
+    assert choice.line in run("train", "auto", tiny, "--out", tmp_path / "run", *sizes)
+    made = read_run(tmp_path / "run")
     assert made.algorithm == choice.algorithm
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, choice.algorithm)
     expected = override(kind.Config(), {"n_updates": "2", "batch_size": "8"})
     assert from_json(kind.Config, made.config) == expected
-
-
-@pytest.mark.slow
-def test_auto_says_what_it_takes_on_the_command_line(tiny: Path, tmp_path: Path) -> None:
-    sizes = ("--seeds", "1", "--updates", "2", "--set", "batch_size=8")
-    text = run("train", "auto", tiny, "--out", tmp_path / "run", *sizes)
-    assert choose_for(load(tiny)).line in text
     again = run("train", "auto", tiny, "--out", tmp_path / "run", *sizes)  # nothing is left to do
     assert again.splitlines()[-1] == str(tmp_path / "run")
 

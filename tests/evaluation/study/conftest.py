@@ -13,6 +13,7 @@ from swarmdata.errors import BuildError
 from swarmdata.evaluation.study.cells import run_cells
 from swarmdata.evaluation.study.cells.cell_worker import run_job
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import StudyOptions
 from swarmdata.runtime.engines.jobs import Job, OnFailure, Report
 from tests.support.tiny import make_tiny
 
@@ -23,6 +24,9 @@ MADDPG = {
     "updates": 10,
     "settings": {"bc_warmup_share": 0.4},
 }
+
+
+Make = Callable[..., Study]
 
 
 class Here:
@@ -70,8 +74,26 @@ def other_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_tiny(folder, id="coop_nav-other-v0", seed=6)
 
 
+def options_in(folder: Path, **changes: Any) -> StudyOptions:
+    """A study in folders `out` and `work`."""
+    return StudyOptions(folder / "out", folder / "work", workers=1, progress=False, **changes)
+
+
+@pytest.fixture
+def options(tmp_path: Path) -> StudyOptions:
+    """A study in the test's folder."""
+    return options_in(tmp_path)
+
+
+def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
+    """Cells of the rows of the table that begins with a cell, below a title, by their first."""
+    table = page.partition(f"## {title}")[2].partition(f"\n| {first}")[2].partition("\n\n")[0]
+    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[1:]]
+    return {row[0]: row[1:] for row in rows}
+
+
 @pytest.fixture(scope="session")
-def make_study(data: Path) -> Callable[..., Study]:
+def make_study(data: Path) -> Make:
     """A study of the tiny dataset; arguments replace its fields."""
 
     def make(**changes: Any) -> Study:

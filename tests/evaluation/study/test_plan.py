@@ -1,6 +1,5 @@
 """A study's file: what it may say, and that names in it are its own."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +11,9 @@ from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Baseline, Study
 from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.recipes import is_dataset
+from tests.evaluation.study.conftest import Make
 
 SHIPPED = Path(__file__).parents[3] / "cards" / "studies"
-
-Make = Callable[..., Study]
 
 
 @pytest.mark.parametrize("name", ["regimes", "robustness", "information", "smoke"])

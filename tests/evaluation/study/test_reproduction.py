@@ -8,13 +8,11 @@ from typing import Any
 import pytest
 
 from swarmdata.errors import StudyError
-from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cell_folder, cells_of
+from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cells_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
-from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.reproduction import reproduce_cell
-
-Make = Callable[..., Study]
+from tests.evaluation.study.conftest import Make
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -32,7 +30,7 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     make_study: Make, tmp_path: Path
 ) -> None:
     (cell, *_) = cells_of(make_study(), digest_of)
-    folder = cell_folder(tmp_path, cell)
+    folder = cell.folder(tmp_path)
     with pytest.raises(StudyError, match="holds no finished cell"):
         reproduce_cell(folder, progress=False)
     run_cells([cell], tmp_path, progress=False)

@@ -5,44 +5,31 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cell_worker import run_cell
 from swarmdata.evaluation.study.cells.cells import cells_of
 from swarmdata.evaluation.study.cells.study_data import digest_of
-from swarmdata.evaluation.study.plan import Study
-from tests.evaluation.study.conftest import BC, MADDPG
-
-Make = Callable[..., Study]
-
-
-def run(*arguments: str | Path, code: int = 0) -> str:
-    result = CliRunner().invoke(app, ["study", *map(str, arguments)])
-    assert result.exit_code == code, result.output
-    return result.output
+from tests.evaluation.study.conftest import BC, MADDPG, Make
+from tests.support.command_line import run
 
 
 @pytest.mark.usefixtures("here", "empty_figures")
 def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path) -> None:
     file, folders = tmp_path / "study.yaml", ("--out", tmp_path / "o", "--work", tmp_path / "w")
     file.write_text(make_study(algorithms={"bc": BC}, seeds=[0]).to_yaml())
-    assert str(tmp_path / "o" / "report.md") in run(file, *folders)
-    assert "are the same" in run(file, *folders[2:], "--check", "bc/coop_nav-tiny-v0")
-    assert str(tmp_path / "o" / "report.md") in run(tmp_path / "o")
-    assert "--only: it has no effect" in run(tmp_path / "o", "--only", "bc/*", code=2)
+    assert str(tmp_path / "o" / "report.md") in run("study", file, *folders)
+    assert "are the same" in run("study", file, *folders[2:], "--check", "bc/coop_nav-tiny-v0")
+    assert str(tmp_path / "o" / "report.md") in run("study", tmp_path / "o")
+    assert "--only: it has no effect" in run("study", tmp_path / "o", "--only", "bc/*", code=2)
     file.write_text(make_study(algorithms={"bc": BC}, seeds=[0], episodes=3).to_yaml())
-    assert "--again to delete these cells" in run(file, *folders, code=1)
-    file.write_text(
-        make_study(algorithms={"bc": BC}, seeds=[0], episodes=3).to_yaml() + "seed: 1\n"
-    )
-    assert "Did you mean 'seeds'" in run(file, *folders, code=1)
+    assert "--again to delete these cells" in run("study", file, *folders, code=1)
+    file.write_text(f"{file.read_text()}seed: 1\n")
+    assert "Did you mean 'seeds'" in run("study", file, *folders, code=1)
 
 
 def start(file: Path, folder: Path) -> "subprocess.Popen[bytes]":

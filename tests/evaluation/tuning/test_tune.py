@@ -1,6 +1,5 @@
 """A tuning of seconds on tiny datasets."""
 
-import csv
 import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,11 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 pytest.importorskip("torch", reason="tuning needs the torch extra")
 
-from swarmdata.cli.main import app
 from swarmdata.errors import OutputError, ResultsError, SpecError, StaleCellError, UnknownNameError
 from swarmdata.evaluation.results import result_set
 from swarmdata.evaluation.runs.train import read_settings
@@ -30,7 +27,9 @@ from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.registry.published import Reference
 from tests.evaluation.study.conftest import Here
 from tests.interop.logs.logged_team import log_map, write_team
+from tests.support.command_line import run
 from tests.support.drawn import save_empty_figures
+from tests.support.measured import csv_rows
 from tests.support.tiny import make_tiny
 
 SMALL = {"hidden": "8", "batch_size": 16}
@@ -69,10 +68,6 @@ def tuned(small_tune: Tune, tmp_path_factory: pytest.TempPathFactory) -> Tuned:
     return Tuned(out, small_tune(out, n_seeds=2))
 
 
-def rows_of(file: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(file.read_text().splitlines()))
-
-
 def test_the_default_and_drawn_trials_are_trained_scored_and_estimated(tuned: Tuned) -> None:
     made = tuned.made
     first, *others = made.trials
@@ -100,10 +95,10 @@ def test_the_chosen_settings_are_a_config_of_train(tuned: Tuned) -> None:
         config = override(BCConfig(), read)
         rate = chosen.settings.get("learning_rate", BCConfig().learning_rate)
         assert config == BCConfig(n_updates=10, batch_size=16, hidden=(8,), learning_rate=rate)
-    rows = rows_of(tuned.out / "trials.csv")
+    rows = csv_rows((tuned.out / "trials.csv").read_text())
     assert [row["chosen by validation episodes"] for row in rows].count("1") == 1
     assert [row["trial"] for row in rows] == ["0", "1", "2"]
-    curve = rows_of(tuned.out / "curve.csv")
+    curve = csv_rows((tuned.out / "curve.csv").read_text())
     ends = float(curve[0]["validation"]), float(curve[-1]["validation"])
     assert ends == pytest.approx((made.scores[0], made.scores.max()), rel=1e-6)
 
@@ -266,7 +261,6 @@ def test_the_command_prints_the_choices(tmp_path: Path, data: Path) -> None:
     line = f"tune bc {data} --out {tmp_path / 'out'} --trials 2 --updates 5 --seeds 1 --episodes 2"
     settings = tmp_path / "settings.yaml"
     settings.write_text("n_updates: 9\nhidden: 8\n")
-    result = CliRunner().invoke(app, [*line.split(), "--config", str(settings)])
-    assert result.exit_code == 0, result.output
-    assert "chosen by validation episodes" in result.output
-    assert "2 trials, 0 of them failed" in result.output
+    printed = run(*line.split(), "--config", settings)
+    assert "chosen by validation episodes" in printed
+    assert "2 trials, 0 of them failed" in printed

@@ -81,12 +81,9 @@ def _processor() -> str:
 
 
 class CostMeter:
-    """Measures the cost of one cell in this process, from now on.
+    """Measures the cost of one cell in this process, from now on; earlier attempts are kept.
 
     Peak memory is that of the process, which may have run other cells before.
-
-    Args:
-        path: the cell's `cost.json`; earlier attempts in it are kept.
     """
 
     def __init__(self, path: Path) -> None:
@@ -110,7 +107,7 @@ class CostMeter:
             self._count()
             self.stages.pop()
 
-    def add_updates(self, updates: int = 0) -> None:
+    def add_updates(self, updates: int) -> None:
         """Adds updates, and writes the cost if the last record is old."""
         self.updates += updates
         if time.perf_counter() - self.written > RECORD_INTERVAL:

@@ -23,9 +23,6 @@ from swarmdata.evaluation.study.cells.cells import (
     ERROR_FILE,
     RESULTS_FOLDER,
     Cell,
-    cell_run_folder,
-    find_conflict,
-    is_done,
 )
 from swarmdata.evaluation.study.cells.study_data import (
     DatasetFacts,
@@ -66,19 +63,16 @@ MAX_LOG_INTERVAL = 100
 def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> None:
     """Runs a cell that is not done yet; after a kill at any moment, the next call resumes.
 
-    Args:
-        cell: to train and evaluate.
-        folder: of the cell, created if absent.
-        report: gets the number of updates since its last call.
+    `report` gets the number of updates since its last call.
 
     Raises:
         BuildError: the folder holds another cell.
         SwarmdataError: training or evaluation failed.
     """
     with locked(folder):
-        if is_done(cell, folder):
+        if cell.is_done(folder):
             return
-        if other := find_conflict(cell, folder):
+        if other := cell.conflict(folder):
             raise BuildError(f"{folder} holds another {cell.name}: {other}")
         folder.mkdir(parents=True, exist_ok=True)
         write_file(folder / CELL_FILE, cell.to_json().encode())
@@ -89,7 +83,7 @@ def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> 
             meter.add_updates(updates)
             report(updates)
 
-        run = cell_run_folder(cell, folder)
+        run = cell.run_in(folder)
         with meter.stage("train"):
             _TRAIN[cell.kind](cell, run, meter, count)
         with meter.stage("evaluate"):

@@ -13,9 +13,9 @@ import dataclasses
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import Field
 
@@ -106,13 +106,36 @@ class Cell(Frozen):
         """Length of training in the algorithm's own unit; 0 for a finished run."""
         return int(self.config.get("n_updates", self.config.get("n_steps", 0)))
 
+    @classmethod
+    def in_folder(cls, folder: Path) -> Self:
+        """Reads the cell that a folder belongs to."""
+        return cls.from_file(folder / CELL_FILE)
+
+    def folder(self, work: Path) -> Path:
+        """Where a study keeps the cell, below its folder of runs and results."""
+        return work / "cells" / self.label / self.data
+
+    def run_in(self, folder: Path) -> Path:
+        """The run folder in the cell's folder; its name becomes the label of the policies."""
+        return folder / self.label
+
+    def is_done(self, folder: Path) -> bool:
+        """Whether the folder holds the complete results of this cell."""
+        file = folder / DONE_FILE
+        return file.exists() and json.loads(file.read_text(encoding="utf-8"))["key"] == self.key
+
+    def conflict(self, folder: Path) -> str | None:
+        """How the folder's cell differs from this one; None if it is the same, or not there yet."""
+        if not (folder / CELL_FILE).exists():
+            return None
+        stored = Cell.in_folder(folder)
+        return None if stored.key == self.key else describe_differences(stored, self)
+
 
 def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     """Returns the cells of a study without those of its sweeps, in the order of the plan.
 
-    Args:
-        study: the plan.
-        digest_of: returns the digest of a dataset by its id or folder.
+    `digest_of` returns the digest of a dataset by its id or folder.
 
     Raises:
         UnknownNameError: no such algorithm, setting, reward weight or set of them.
@@ -126,21 +149,30 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     ]
     if study.sizes is not None:
         for dataset in study.sizes.datasets:
-            found = (dataset_of_size(dataset, size) for size in study.sizes.sizes)
-            parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in found]
-    cells: dict[str, Cell] = {}
-    for dataset, n_steps, labels in parts:
-        for label in labels:
-            cell = offline_cell(study, label, dataset, digest_of, n_steps=n_steps)
-            _add(cells, cell)
+            sized = (dataset_of_size(dataset, size) for size in study.sizes.sizes)
+            parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in sized]
+    found = [
+        offline_cell(study, label, dataset, digest_of, n_steps=n_steps)
+        for dataset, n_steps, labels in parts
+        for label in labels
+    ]
     if (seen := study.information) is not None:
-        for dataset, view, label in itertools.product(
-            seen.datasets, seen.views.values(), seen.algorithms
-        ):
-            if study.has(label, dataset):
-                _add(cells, offline_cell(study, label, dataset, digest_of, view=view))
-    for cell in _online_cells(study):
-        _add(cells, cell)
+        every = itertools.product(seen.datasets, seen.views.values(), seen.algorithms)
+        found += [
+            offline_cell(study, label, dataset, digest_of, view=view)
+            for dataset, view, label in every
+            if study.has(label, dataset)
+        ]
+    found += [_online_cell(study, label) for label in study.online]
+    if seen is not None:
+        pairs = itertools.product(seen.views.values(), seen.online)
+        found += [_online_cell(study, label, view) for view, label in pairs]
+    cells: dict[str, Cell] = {}
+    for cell in found:
+        if cells.setdefault(cell.name, cell) != cell:
+            raise SpecError(
+                f"two different cells are called {cell.name}; rename a dataset of the study"
+            )
     return list(cells.values())
 
 
@@ -154,13 +186,6 @@ def _check_settings(study: Study) -> None:
         raise SpecError(
             f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
             f"expected some of: {', '.join(sorted(known))}"
-        )
-
-
-def _add(cells: dict[str, Cell], cell: Cell) -> None:
-    if cells.setdefault(cell.name, cell) != cell:
-        raise SpecError(
-            f"two different cells are called {cell.name}; rename a dataset of the study"
         )
 
 
@@ -224,15 +249,6 @@ def _seen_in(data: str, view: View) -> str:
     return "~".join((data, *(model for model in view.models if model is not None)))
 
 
-def _online_cells(study: Study) -> Iterator[Cell]:
-    """Online rows in their tasks as they are, then those that learn in views."""
-    for label in study.online:
-        yield _online_cell(study, label)
-    if (seen := study.information) is not None:
-        for view, label in itertools.product(seen.views.values(), seen.online):
-            yield _online_cell(study, label, view)
-
-
 def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
     baseline = study.online[label]
     shared = {
@@ -291,34 +307,3 @@ def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
 def _json(config: Any) -> dict[str, Any]:
     values: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
     return values
-
-
-def cell_folder(work: Path, cell: Cell) -> Path:
-    """Where a study keeps a cell, below its folder of runs and results."""
-    return work / "cells" / cell.label / cell.data
-
-
-def cell_run_folder(cell: Cell, folder: Path) -> Path:
-    """The run folder of a cell; its name becomes the label of the policies."""
-    return folder / cell.label
-
-
-def is_done(cell: Cell, folder: Path) -> bool:
-    """Whether the folder holds the complete results of this cell."""
-    file = folder / DONE_FILE
-    return file.exists() and json.loads(file.read_text(encoding="utf-8"))["key"] == cell.key
-
-
-def read_cell(folder: Path) -> Cell:
-    """Reads the cell that a folder belongs to."""
-    return Cell.from_file(folder / CELL_FILE)
-
-
-def find_conflict(cell: Cell, folder: Path) -> str | None:
-    """How the folder's cell differs from this one; None if it is this one, or there is none yet."""
-    if not (folder / CELL_FILE).exists():
-        return None
-    stored = read_cell(folder)
-    if stored.key == cell.key:
-        return None
-    return describe_differences(stored, cell)

@@ -11,15 +11,7 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError, StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Cost
-from swarmdata.evaluation.study.cells.cells import (
-    COST_FILE,
-    ERROR_FILE,
-    Cell,
-    cell_folder,
-    cell_run_folder,
-    find_conflict,
-    is_done,
-)
+from swarmdata.evaluation.study.cells.cells import COST_FILE, ERROR_FILE, Cell
 from swarmdata.learn.training.run_files import LOSSES
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.jobs import Job
@@ -68,14 +60,13 @@ def run_cells(
 
     Raises:
         StaleCellError: a folder holds a cell of another key, and `again` is false.
-        EngineError: the engine is unknown, or cannot be reached.
     """
     remove_stale(cells, work, again=again)
-    waiting = [cell for cell in cells if not is_done(cell, cell_folder(work, cell))]
+    waiting = [cell for cell in cells if not cell.is_done(cell.folder(work))]
     if not waiting:
         return {}
     total = sum(cell.n_updates for cell in waiting)
-    n_done = sum(count_updates(cell, cell_folder(work, cell)) for cell in waiting)
+    n_done = sum(count_updates(cell, cell.folder(work)) for cell in waiting)
     failures = Failures(len(waiting))
     jobs = [_job(cell, work) for cell in longest_first(waiting, work)]
     hidden = None if progress else True  # None: hidden unless there is a terminal
@@ -102,7 +93,7 @@ def run_cells(
 
 
 def _job(cell: Cell, work: Path) -> Job:
-    folder = cell_folder(work, cell).resolve()  # for processes elsewhere
+    folder = cell.folder(work).resolve()  # for processes elsewhere
     return Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
 
 
@@ -112,7 +103,7 @@ def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
     Raises:
         StaleCellError: there are such folders, and `again` is false.
     """
-    found = [(cell, find_conflict(cell, cell_folder(work, cell))) for cell in cells]
+    found = [(cell, cell.conflict(cell.folder(work))) for cell in cells]
     stale = [(cell, why) for cell, why in found if why is not None]
     if stale and not again:
         lines = [f"{cell.name} ({why})" for cell, why in stale]
@@ -124,13 +115,13 @@ def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
             "run them again, or name another folder to keep them."
         )
     for cell, _ in stale:
-        with locked(cell_folder(work, cell)):  # waits for a process that is running the cell
-            shutil.rmtree(cell_folder(work, cell))
+        with locked(cell.folder(work)):  # waits for a process that is running the cell
+            shutil.rmtree(cell.folder(work))
 
 
 def count_updates(cell: Cell, folder: Path) -> int:
     """Updates that a cell had made when it stopped, read from the last row of its losses."""
-    file = cell_run_folder(cell, folder) / LOSSES
+    file = cell.run_in(folder) / LOSSES
     if not file.exists():
         return 0
     first = file.read_text(encoding="utf-8").rstrip().rpartition("\n")[2].partition(",")[0]
@@ -143,20 +134,14 @@ def longest_first(cells: Sequence[Cell], work: Path) -> list[Cell]:
     The time of an update is taken from finished cells of the same label. A label without any gets
     the longest known time, so that it starts early.
     """
-    speeds = known_speeds(work)
+    known: dict[str, list[float]] = {}  # seconds per update
+    for file in sorted((work / "cells").glob(f"*/*/{COST_FILE}")):
+        if speed := Cost.from_file(file).updates_per_second:
+            known.setdefault(file.parent.parent.name, []).append(1.0 / speed)
+    speeds = {label: sum(values) / len(values) for label, values in known.items()}
     slowest = max(speeds.values(), default=1.0)
 
     def seconds(cell: Cell) -> float:
         return cell.n_updates * speeds.get(cell.label, slowest)
 
     return sorted(cells, key=seconds, reverse=True)
-
-
-def known_speeds(work: Path) -> dict[str, float]:
-    """Seconds per update by label, from cells that were trained in this folder."""
-    found: dict[str, list[float]] = {}
-    for file in sorted((work / "cells").glob(f"*/*/{COST_FILE}")):
-        speed = Cost.from_file(file).updates_per_second
-        if speed:
-            found.setdefault(file.parent.parent.name, []).append(1.0 / speed)
-    return {label: sum(values) / len(values) for label, values in found.items()}

@@ -132,12 +132,7 @@ def digest_of(dataset: str, *, progress: bool = True) -> str:
 
 
 def joint_digest(digests: Iterable[str], weights: Iterable[float]) -> str:
-    """Returns the SHA-256 of the digests of a mixture's datasets and of their shares.
-
-    Args:
-        digests: of the datasets.
-        weights: of the datasets; only their proportions count.
-    """
+    """Returns the SHA-256 of the digests of a mixture's datasets and of their shares."""
     found = [*weights]
     total = sum(found)
     shares = [[digest, w / total] for digest, w in zip(digests, found, strict=True)]
@@ -173,11 +168,8 @@ def open_dataset(
 ) -> Dataset:
     """Loads a dataset of a study; it is built if it is not in the cache.
 
-    Args:
-        dataset: id or folder.
-        n_steps: keeps only the first episodes, with at least this many joint steps in total.
-        observation: observation model to re-observe it with; None keeps the recorded one.
-        communication: communication model, likewise.
+    With `n_steps`, only the first episodes are kept, with at least so many joint steps in total.
+    Without models, it is observed as recorded.
 
     Raises:
         SchemaError: the dataset has fewer steps.
@@ -191,14 +183,9 @@ def open_dataset(
 
 
 def open_mixture(
-    parts: Mapping[str, float], *, observation: str | None = None, communication: str | None = None
+    parts: Mapping[str, float], *, observation: str | None, communication: str | None
 ) -> Mixture:
-    """Loads the datasets of a mixture, as `open_dataset` does.
-
-    Args:
-        parts: weights by id or folder.
-        observation: observation model to re-observe them with; None keeps the recorded one.
-        communication: communication model, likewise.
+    """Loads the datasets of a mixture, which are weights by id or folder, as `open_dataset` does.
 
     Raises:
         SchemaError: they were recorded with different specs.

@@ -24,9 +24,6 @@ from swarmdata.evaluation.study.cells.cells import (
     DONE_FILE,
     RESULTS_FOLDER,
     Cell,
-    cell_folder,
-    cell_run_folder,
-    read_cell,
 )
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
 from swarmdata.evaluation.study.pages.csv_tables import RUN_METRICS
@@ -77,8 +74,8 @@ def _add(archive: tarfile.TarFile, name: str, data: bytes) -> None:
 
 def _files(found: Findings, cell: Cell) -> Iterator[Path]:
     """What pages read of a cell; its losses only if the study draws some of that label."""
-    folder = cell_folder(found.work, cell)
-    run = cell_run_folder(cell, folder)
+    folder = cell.folder(found.work)
+    run = cell.run_in(folder)
     files = [folder / name for name in (CELL_FILE, DATA_FILE, COST_FILE, DONE_FILE)]
     files.append(run / CURVE)
     if any(cell.label in drawn.algorithms for drawn in found.study.losses.values()):
@@ -103,11 +100,7 @@ def _shortened(result: bytes) -> bytes:
 
 
 def check_archive(file: Path) -> None:
-    """Checks that there is an archive.
-
-    Raises:
-        StudyError: there is none.
-    """
+    """Raises StudyError if there is no archive."""
     if not file.exists():
         raise StudyError(
             f"{file.parent} has no {ARCHIVE_FILE}, from which its pages could be written again: it "
@@ -117,16 +110,10 @@ def check_archive(file: Path) -> None:
 
 
 def read_archive(study: Study, file: Path, folder: Path) -> tuple[Findings, Notes]:
-    """Unpacks an archive into a folder of cells, and collects what they found.
-
-    Args:
-        study: the plan.
-        file: that `write_archive` wrote.
-        folder: to unpack into; it is the folder of cells then.
-    """
+    """Unpacks a study's archive into a folder of cells, and collects what they found."""
     with tarfile.open(file, mode="r:xz") as archive:
         archive.extractall(folder, filter="data")
     notes = Notes.from_file(folder / NOTES_FILE)
-    cells = [read_cell(path.parent) for path in sorted(folder.glob(f"cells/*/*/{CELL_FILE}"))]
+    cells = [Cell.in_folder(path.parent) for path in sorted(folder.glob(f"cells/*/*/{CELL_FILE}"))]
     found = collect_findings(study, cells, folder, {})
     return replace(found, missing=notes.missing), notes

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +19,9 @@ from swarmdata.evaluation.study.cells.cells import (
     ONLINE_FAMILY,
     RESULTS_FOLDER,
     Cell,
-    cell_folder,
-    cell_run_folder,
-    is_done,
 )
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
 
@@ -66,6 +65,21 @@ class Findings:
         }
 
     @property
+    def dataset_ids(self) -> dict[str, str]:
+        """Short name of each dataset with finished offline cells -> its id."""
+        cells = (cell for cell in self.cells if cell.kind == "offline")
+        return {cell.data: self.facts[cell.name].id for cell in cells}
+
+    @cached_property
+    def main(self) -> Scoreboard:
+        """The scoreboard of the score; of the return, if a world has no measured references."""
+        return self.board(quantity_of(self.results).column.key)
+
+    def board(self, key: str) -> Scoreboard:
+        """The scoreboard of a quantity of the offline rows."""
+        return make_scoreboard(self.results, self.families, key)
+
+    @property
     def looks(self) -> dict[str, dict[str, str]]:
         """The color and marker of each offline row, in all figures of the study."""
         return family_looks(self.families)
@@ -74,13 +88,8 @@ class Findings:
         """A column of a cell's losses or learning curve; None if it was not recorded.
 
         Its progress is in gradient updates; that of an online cell in joint steps.
-
-        Args:
-            cell: of the study.
-            column: of the file.
-            file: `losses.csv` or `curve.csv` of the run.
         """
-        path = cell_run_folder(cell, cell_folder(self.work, cell)) / file
+        path = cell.run_in(cell.folder(self.work)) / file
         rows = [row for row in read_table(path) if column in row] if path.exists() else []
         if not rows:
             return None
@@ -100,23 +109,17 @@ class Findings:
 def collect_findings(
     study: Study, cells: Sequence[Cell], work: Path, failures: Mapping[str, str]
 ) -> Findings:
-    """Reads the results of the cells that are done.
-
-    Args:
-        study: the plan.
-        cells: that it asks for.
-        work: folder of the cells.
-        failures: why cells failed, by name.
+    """Reads the results of the cells that are done, and why others failed, by name.
 
     Raises:
         StudyError: no cell on the study's own datasets is done.
         ResultsError: the results cannot be compared.
     """
-    done = tuple(cell for cell in cells if is_done(cell, cell_folder(work, cell)))
+    done = tuple(cell for cell in cells if cell.is_done(cell.folder(work)))
     missing = {
         cell.name: failures.get(cell.name, "not run yet") for cell in cells if cell not in done
     }
-    files = {cell.name: cell_folder(work, cell) / DATA_FILE for cell in done}
+    files = {cell.name: cell.folder(work) / DATA_FILE for cell in done}
     facts = {name: DatasetFacts.from_file(file) for name, file in files.items() if file.exists()}
     grid = [cell for cell in done if is_in_grid(study, cell)]
     if not any(cell.kind == "offline" for cell in grid):
@@ -132,14 +135,14 @@ def collect_findings(
         missing={**missing, **excluded},
         results=results,
         sizes=_read_results(sized, work, facts) if sized else None,
-        views=_beside_online(_read_results(viewed, work, facts)) if viewed else None,
+        views=_with_baselines(_read_results(viewed, work, facts)) if viewed else None,
         facts=facts,
-        costs={cell.name: Cost.from_file(cell_folder(work, cell) / COST_FILE) for cell in done},
+        costs={cell.name: Cost.from_file(cell.folder(work) / COST_FILE) for cell in done},
         work=work,
     )
 
 
-def _beside_online(results: ResultSet) -> ResultSet:
+def _with_baselines(results: ResultSet) -> ResultSet:
     return replace(results, cases=tuple(map(results.with_baselines, results.cases)))
 
 
@@ -198,7 +201,7 @@ def facts_by_dataset(facts: Mapping[str, DatasetFacts]) -> dict[str, DatasetFact
 
 def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
     """Reads all results of finished cells."""
-    folders = [cell_folder(work, cell) / RESULTS_FOLDER for cell in cells]
+    folders = [cell.folder(work) / RESULTS_FOLDER for cell in cells]
     return [load_result(file) for folder in folders for file in sorted(folder.glob("*.json"))]
 
 

@@ -2,14 +2,14 @@
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
-from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, Cell, cell_folder
+from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
 from swarmdata.learn.training.run_files import CURVE_METRICS
 from swarmdata.registry.published import normalized_score
@@ -30,9 +30,7 @@ Row = Mapping[str, str | float | int | None]
 
 def run_rows(found: Findings) -> list[Row]:
     """One row per run and dataset, without sweeps."""
-    keys = {
-        (cell.label, cell_folder(found.work, cell) / RESULTS_FOLDER): cell for cell in found.cells
-    }
+    keys = {(cell.label, cell.folder(found.work) / RESULTS_FOLDER): cell for cell in found.cells}
     rows = []
     for case in _cases(found):
         for label, runs in case.runs.items():
@@ -90,7 +88,7 @@ def estimate_rows(found: Findings) -> list[Row]:
         for label, runs in case.runs.items():
             origin = runs[0].provenance
             for quantity in quantities_of(case):
-                value, low, high = estimate(quantity, case, label)
+                ends = zip(("mean", "low", "high"), estimate(quantity, case, label), strict=True)
                 rows.append(
                     {
                         "label": label,
@@ -103,9 +101,7 @@ def estimate_rows(found: Findings) -> list[Row]:
                         "frames": origin.frames,
                         "episodes": len(runs[0].evaluation.seeds),
                         "quantity": quantity.column.key,
-                        "mean": value,
-                        "low": low,
-                        "high": high,
+                        **dict(ends),
                     }
                 )
     return sorted(rows, key=lambda row: (str(row["dataset"]), str(row["label"])))
@@ -164,13 +160,9 @@ def curve_rows(found: Findings) -> list[Row]:
             curve = found.learning_curve(cell, metric)
             if curve is None:
                 continue
-            parts: dict[str, Callable[..., object]] = {
-                "mean": np.mean,
-                "low": np.min,
-                "high": np.max,
-            }
-            ends = {name: part(curve.values, axis=0) for name, part in parts.items()}
-            for k, update in enumerate(curve.progress.tolist()):
-                values = {name: float(end[k]) for name, end in ends.items()}  # type: ignore[index]
-                rows.append({"cell": cell.name, "metric": metric, "update": int(update), **values})
+            means, lows, highs = (part(curve.values, axis=0) for part in (np.mean, np.min, np.max))
+            where = {"cell": cell.name, "metric": metric}
+            for update, mean, low, high in zip(curve.progress, means, lows, highs, strict=True):
+                ends = {"mean": float(mean), "low": float(low), "high": float(high)}
+                rows.append({**where, "update": int(update), **ends})
     return rows

@@ -30,7 +30,10 @@ def size_section(found: Findings, out: Path) -> dict[str, str]:
     parts = {dataset: facts for dataset, facts in sizes.items() if len(facts) > 1}
     if not parts:
         return {}
-    _plot(board, parts, found.looks, out / "sizes.png")
+    row = [_panel(board, dataset, facts, found.looks) for dataset, facts in parts.items()]
+    row[0] = row[0]._replace(ylabel=board.column.label)
+    xlabel = "joint steps of data"
+    plot_lines([row], out / "sizes.png", height=PANEL_HEIGHT, xlabel=xlabel, shares_y="row")
     caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
     return {"Data efficiency": f"{_table(board, parts)}\n{caption}\n\n![by joint steps](sizes.png)"}
 
@@ -47,13 +50,6 @@ def _sizes_of(dataset: str, found: Findings) -> list[DatasetFacts]:
     }
     measured = [each for each in facts.values() if each.id in found.sizes.datasets]
     return sorted(measured, key=lambda each: each.figures.n_steps)
-
-
-def _plot(board: Scoreboard, parts: Parts, looks: Looks, path: Path) -> None:
-    """Draws the estimates over the number of joint steps, a panel for each dataset."""
-    row = [_panel(board, dataset, sizes, looks) for dataset, sizes in parts.items()]
-    row[0] = row[0]._replace(ylabel=board.column.label)
-    plot_lines([row], path, height=PANEL_HEIGHT, xlabel="joint steps of data", shares_y="row")
 
 
 def _panel(
@@ -73,13 +69,10 @@ def _panel(
     if means:
         ends = np.array([list(means.values())] * 3)
         lines.append(Line("mean of the data", np.array(list(means), np.float64), ends, DATA_LINE))
-    ticks = {float(n): _rounded_thousands(n) for n in means or shown}
+    # 200037 as 200k: a size has whole episodes, so a few more steps than asked for
+    rounded = {n: round(n, 1 - len(str(n))) if n >= 10_000 else n for n in means or shown}
+    ticks = {float(n): thousands(steps) for n, steps in rounded.items()}
     return LinePanel(dataset, lines, xscale="log", ticks=ticks)
-
-
-def _rounded_thousands(steps: int) -> str:
-    """Formats 200037 as 200k: a size has whole episodes, so a few more steps than asked for."""
-    return thousands(round(steps, 1 - len(str(steps))) if steps >= 10_000 else steps)
 
 
 def _table(board: Scoreboard, parts: Parts) -> str:

@@ -50,11 +50,18 @@ def _boards(views: ResultSet, families: Mapping[str, str]) -> list[Scoreboard]:
 
 
 def _measured(found: Findings) -> dict[str, dict[str, str]]:
-    """Short name of each dataset with results -> view -> name of the case."""
+    """Short name of each dataset with results -> view, in the plan's order -> name of the case."""
     plan = found.study.information
     assert plan is not None
-    columns = {name: dict(view_columns(found, name)) for name in map(short_name, plan.datasets)}
-    return {dataset: views for dataset, views in columns.items() if views}
+    columns: dict[str, dict[str, str]] = {}
+    for dataset in map(short_name, plan.datasets):
+        keys = {}
+        for cell in view_cells(found, dataset):
+            provenance = results_of([cell], found.work)[0].provenance
+            keys[label_of(plan, cell)] = str(provenance.dataset_key)
+        if keys:
+            columns[dataset] = {label: keys[label] for label in plan.views if label in keys}
+    return columns
 
 
 def view_rows(found: Findings) -> list[dict[str, object]]:
@@ -67,9 +74,7 @@ def view_rows(found: Findings) -> list[dict[str, object]]:
             "view": view,
             "label": label,
             "quantity": board.column.key,
-            "mean": estimate.value,
-            "low": estimate.low,
-            "high": estimate.high,
+            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
         }
         for board in _boards(found.views, found.view_families)
         for dataset, views in _measured(found).items()
@@ -90,17 +95,6 @@ def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
         is_offline = cell.kind == "offline" and short_name(cell.source) == dataset
         if is_offline and is_view_cell(found.study, cell):
             yield cell
-
-
-def view_columns(found: Findings, dataset: str) -> Iterator[tuple[str, str]]:
-    """Labels of views in the plan's order, and the names of their cases."""
-    plan = found.study.information
-    assert plan is not None
-    keys = {}
-    for cell in view_cells(found, dataset):
-        provenance = results_of([cell], found.work)[0].provenance
-        keys[label_of(plan, cell)] = str(provenance.dataset_key)
-    return ((label, keys[label]) for label in plan.views if label in keys)
 
 
 def _panel(board: Scoreboard, dataset: str, columns: dict[str, str]) -> str:

@@ -1,8 +1,7 @@
 """Differences between rows of a study, paired by episode: what they are, and the sections on them.
 
-A study asks for lists of pairs; how far rows are from the data is always said. The figure of
-differences is no higher than a screen; of doubled updates, tables say which budget is enough and
-how the families are ordered.
+A study asks for lists of pairs; how far rows are from the data is always said. Of doubled updates,
+tables say which budget is enough and how the families are ordered.
 """
 
 import math
@@ -25,7 +24,7 @@ from swarmdata.evaluation.results.estimate_table import UNDEFINED, Column, forma
 from swarmdata.evaluation.results.result_tables import QUANTITIES, UNDEFINED_ESTIMATE
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.evaluation.study.plan import DifferencesPlan, Study
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
@@ -47,6 +46,10 @@ class RowDifference:
         """The difference as text."""
         return f"`{self.one}` − `{self.other}`"
 
+    def shown(self, column: Column) -> Estimate:
+        """A quantity in the unit of tables and figures."""
+        return column.shown(self.estimates[column.key])
+
 
 def difference_rows(found: Findings) -> list[dict[str, object]]:
     """One row per list of pairs, pair, dataset and quantity: the difference, in stored units."""
@@ -57,9 +60,7 @@ def difference_rows(found: Findings) -> list[dict[str, object]]:
             "other": each.other,
             "dataset": each.dataset,
             "quantity": key,
-            "mean": estimate.value,
-            "low": estimate.low,
-            "high": estimate.high,
+            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
         }
         for name, plan in found.study.differences.items()
         for each in measured_differences(found, plan)
@@ -74,24 +75,15 @@ def verdict_of(difference: Estimate) -> Verdict:
     return "lower" if difference.high < 0.0 else "no clear change"
 
 
-def main_column(found: Findings) -> Column:
-    """The column of the score; of the return, if a world of the study has no measured expert."""
-    return quantity_of(found.results).column
-
-
 def columns_of(found: Findings) -> tuple[Column, ...]:
     """What differences are taken of."""
-    return (
-        main_column(found),
-        *(QUANTITIES[key].column for key in ("success", "clean_success")),
-    )
+    return (found.main.column, *(QUANTITIES[key].column for key in ("success", "clean_success")))
 
 
 def measured_differences(found: Findings, plan: DifferencesPlan) -> list[RowDifference]:
     """The differences of all pairs whose cells are done, by pair, then by dataset."""
-    columns = columns_of(found)
-    boards = {c.key: make_scoreboard(found.results, found.families, c.key) for c in columns}
-    ids = {cell.data: found.facts[cell.name].id for cell in found.cells if cell.kind == "offline"}
+    boards = {column.key: found.board(column.key) for column in columns_of(found)}
+    ids = found.dataset_ids
     return [
         RowDifference(
             one,
@@ -147,20 +139,17 @@ ORDERS = (
 
 def differences_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
     """Title and body of each list of pairs, with a figure in a folder."""
-    plans = found.study.differences
-    return [(plan.title, _section(found, name, out)) for name, plan in plans.items()]
-
-
-def _section(found: Findings, name: str, out: Path) -> str:
-    plan, figure = found.study.differences[name], f"differences-{name}.png"
-    head = (
-        "The first row minus the second, paired by episode. A difference is higher or lower if "
-        "its whole interval is.\n\n"
-    )
-    if differences := measured_differences(found, plan):
-        plot_row_differences(differences, columns_of(found), out / figure)
-        head += f"![the first row minus the second]({figure})\n\n"
-    return head + _tables(found, plan)
+    sections = []
+    for name, plan in found.study.differences.items():
+        body = (
+            "The first row minus the second, paired by episode. A difference is higher or lower if "
+            "its whole interval is.\n\n"
+        )
+        if differences := measured_differences(found, plan):
+            plot_row_differences(differences, columns_of(found), out / f"differences-{name}.png")
+            body += f"![the first row minus the second](differences-{name}.png)\n\n"
+        sections.append((plan.title, body + _tables(found, plan)))
+    return sections
 
 
 def _tables(found: Findings, plan: DifferencesPlan) -> str:
@@ -202,8 +191,7 @@ def distance_table(found: Findings) -> str:
 
     The mean of the data is a known number, so nothing is paired with it.
     """
-    board = make_scoreboard(found.results, found.families, main_column(found).key)
-    clone, rows = clone_of(found.study), []
+    board, clone, rows = found.main, clone_of(found.study), []
     for dataset, estimates in board.estimates.items():
         mean = board.data.get(dataset)
         for label, own in estimates.items():
@@ -232,15 +220,10 @@ Found = Mapping[str, Mapping[str, Estimate]]
 def plot_row_differences(
     differences: Sequence[RowDifference], columns: Sequence[Column], path: Path
 ) -> None:
-    """Draws differences beside 0.
+    """Draws differences beside 0, of the quantities in columns, the main one first.
 
     Of one pair, or on one dataset, every quantity is a panel. Several pairs on a few datasets have
     a panel for each dataset, with the first quantity; on many datasets they are a matrix.
-
-    Args:
-        differences: at least one.
-        columns: the quantities, the main one first.
-        path: where to save.
     """
     main, pairs = columns[0], list(dict.fromkeys(map(_pair, differences)))
     datasets = list(dict.fromkeys(each.dataset for each in differences))
@@ -249,23 +232,22 @@ def plot_row_differences(
         title = datasets[0] if by_pair else pairs[0]
         found = {
             f"change of {column.header}": {
-                _pair(each) if by_pair else each.dataset: _shown(each, column)
-                for each in differences
+                _pair(each) if by_pair else each.dataset: each.shown(column) for each in differences
             }
             for column in columns
         }
         _plot_changes(found, [title], list(found), path)
     elif len(datasets) <= MAX_PANELS_IN_A_LINE:
         found = {
-            name: {_pair(each): _shown(each, main) for each in differences if each.dataset == name}
+            name: {_pair(each): each.shown(main) for each in differences if each.dataset == name}
             for name in datasets
         }
         _plot_changes(found, datasets, [f"change of {main.header}"] * len(datasets), path)
     else:
         cells = {
-            (each.dataset, _pair(each)): MatrixCell(value, value, verdict_of(difference) != UNCLEAR)
+            (each.dataset, _pair(each)): MatrixCell(value, value, verdict_of(change) != UNCLEAR)
             for each in differences
-            if not math.isnan(value := (difference := _shown(each, main)).value)
+            if not math.isnan(value := (change := each.shown(main)).value)
         }
         rows: dict[str, list[str]] = {}
         for name in sorted(datasets):
@@ -282,10 +264,6 @@ def plot_row_differences(
 
 def _pair(each: RowDifference) -> str:
     return words_of_pair(each.one, each.other)
-
-
-def _shown(each: RowDifference, column: Column) -> Estimate:
-    return Estimate(*(column.factor * end for end in each.estimates[column.key]))
 
 
 def _plot_changes(found: Found, titles: Sequence[str], labels: Sequence[str], path: Path) -> None:
@@ -322,7 +300,7 @@ def budget_table(found: Findings, plan: DifferencesPlan) -> str:
         if budgets is None:
             rows.append((family, UNDEFINED, "not measured on all datasets"))
         else:
-            rows.append((family, *_enough(budgets, main_column(found))))
+            rows.append((family, *_enough(budgets, found.main.column)))
     return markdown.table(("family", "enough updates", "clear changes of the next doubling"), rows)
 
 
@@ -366,13 +344,10 @@ def order_table(found: Findings, plan: DifferencesPlan) -> str:
 
     `>` where a family is clearly better than the next one, `≥` where it is not.
     """
-    study = found.study
-    board = make_scoreboard(found.results, found.families, main_column(found).key)
-    ids = {cell.data: found.facts[cell.name].id for cell in found.cells if cell.kind == "offline"}
-    labels = _labels_by_updates(study, plan)
+    ids, labels = found.dataset_ids, _labels_by_updates(found.study, plan)
     rows = [
-        (name, *(_order(board, ids[name], each) for each in labels.values()))
-        for name in map(short_name, study.datasets)
+        (name, *(_order(found.main, ids[name], each) for each in labels.values()))
+        for name in map(short_name, found.study.datasets)
         if name in ids
     ]
     return markdown.table(("dataset", *(f"{updates:,} updates" for updates in labels)), rows)

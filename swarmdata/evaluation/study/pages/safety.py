@@ -17,7 +17,7 @@ from swarmdata.evaluation.results.aggregates import collisions, pareto_front
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_plots import plot_pareto
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.evaluation.study.pages.study_matrices import plot_board
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
 from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO
@@ -43,12 +43,12 @@ class Fronts:
 
     @property
     def cleanest(self) -> tuple[str, ...]:
-        """Labels that no other exceeds in success or clean success without loss in the other."""
+        """Pareto-optimal labels in success and clean success."""
         return _front(self.clean, sign=-1.0)
 
     @property
     def safest(self) -> tuple[str, ...]:
-        """Labels of which no other has as much success at fewer collisions, or more at as few."""
+        """Pareto-optimal labels in success and collisions."""
         return _front(self.collisions, sign=1.0)
 
 
@@ -143,9 +143,7 @@ def front_table(fronts: Mapping[str, Fronts]) -> str:
 
 def safety_sections(found: Findings, out: Path) -> dict[str, str]:
     """The sections by title."""
-    success, clean = (
-        make_scoreboard(found.results, found.families, key) for key in ("success", "clean_success")
-    )
+    success, clean = found.board("success"), found.board("clean_success")
     crashes = _collision_board(found)
     fronts = {
         without_version(dataset): Fronts(

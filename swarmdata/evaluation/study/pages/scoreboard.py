@@ -21,8 +21,6 @@ from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 from swarmdata.types import Double
 
-Estimates = Mapping[str, Estimate]
-
 
 @dataclass(frozen=True, eq=False)
 class Scoreboard:
@@ -75,11 +73,8 @@ class Scoreboard:
 
     def in_shown_units(self, dataset: str) -> dict[str, Estimate]:
         """The estimates on a dataset in the units of tables and figures."""
-        factor = self.column.factor
-        return {
-            label: Estimate(*(factor * value for value in each))
-            for label, each in self.estimates[dataset].items()
-        }
+        found = self.estimates[dataset]
+        return {label: self.column.shown(each) for label, each in found.items()}
 
 
 def quantity_of(results: ResultSet) -> Quantity:
@@ -89,13 +84,7 @@ def quantity_of(results: ResultSet) -> Quantity:
 
 
 def make_scoreboard(results: ResultSet, families: Mapping[str, str], key: str) -> Scoreboard:
-    """Makes the scoreboard of a quantity.
-
-    Args:
-        results: what was measured.
-        families: label -> family, in the order of the tables.
-        key: of `result_tables.QUANTITIES`.
-    """
+    """Makes the scoreboard of a key of `QUANTITIES`; families are in the order of the tables."""
     quantity = QUANTITIES[key]
     cases = [case for case in results.cases if quantity in quantities_of(case)]
     values = {

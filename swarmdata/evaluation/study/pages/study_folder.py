@@ -43,8 +43,7 @@ from swarmdata.evaluation.study.pages.row_differences import (
     distance_table,
 )
 from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
-from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT, plot_board
+from swarmdata.evaluation.study.pages.study_matrices import plot_board
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_table,
     duration,
@@ -87,8 +86,6 @@ RESULTS_FILE = "results.csv"
 DATA_FILE = "data.csv"
 COSTS_FILE = "costs.csv"
 CURVES_FILE = "curves.csv"
-DIFFERENCES_FILE = "differences.csv"
-VIEWS_FILE = "views.csv"
 
 BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
 """What texts call the seeds of a block."""
@@ -105,22 +102,18 @@ def write_pages(
     found: Findings,
     out: Path,
     command: str,
-    shifts: Mapping[str, Sequence[Shifted]] | None = None,
+    shifts: Mapping[str, Sequence[Shifted]],
 ) -> list[Path]:
     """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
 
-    Args:
-        found: what was measured.
-        out: folder; files that a study wrote there are replaced.
-        command: that runs the study again, for the page.
-        shifts: what policies reach in other views and tasks, by the name of the file.
+    Files that a study wrote into `out` are replaced. The page has the command that runs the study
+    again. `shifts` is what policies reach in other views and tasks, by the name of the file.
 
     Returns:
         The files, the page first.
 
     Raises:
         OutputError: the folder has files that no study wrote.
-        MissingExtraError: matplotlib is not installed.
     """
     missing = {name: without_folders(reason) for name, reason in found.missing.items()}
     notes = Notes(command=without_folders(command), missing=missing)
@@ -135,11 +128,11 @@ def write_pages(
             write_file(folder / name, to_csv(rows_of(found)).encode())
         plan = Study.parse(without_places(found.study.model_dump(mode="json")), PLAN_FILE)
         write_file(folder / PLAN_FILE, plan.to_yaml().encode())
-        for name, rows in (shifts or {}).items():
+        for name, rows in shifts.items():
             write_shifts(rows, folder / name)
         write_archive(found, notes, folder / ARCHIVE_FILE)
         files = _write_from_archive(folder, out)
-    _remove(out, {name for name in shifts or {} if out / name not in files})
+    _remove(out, {name for name in shifts if out / name not in files})
     return files
 
 
@@ -160,15 +153,11 @@ def rewrite_pages(out: Path) -> list[Path]:
     What policies reach in other conditions is not computed again: the archive does not have these
     episodes, and the folder has the estimates. Text above the made part of the page stays.
 
-    Args:
-        out: folder that `write_pages` wrote.
-
     Returns:
         The files, the page first.
 
     Raises:
         StudyError: the folder has no archive of cells.
-        MissingExtraError: matplotlib is not installed.
     """
     check_archive(out / ARCHIVE_FILE)
     with filled(out, STUDY) as folder:
@@ -184,10 +173,8 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
     with tempfile.TemporaryDirectory() as unpacked:
         found, notes = read_archive(study, folder / ARCHIVE_FILE, Path(unpacked))
         write_file(folder / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
-        for name, rows in (
-            (DIFFERENCES_FILE, difference_rows(found)),
-            (VIEWS_FILE, view_rows(found)),
-        ):
+        tables = {"differences.csv": difference_rows(found), "views.csv": view_rows(found)}
+        for name, rows in tables.items():
             if rows:
                 write_file(folder / name, to_csv(rows).encode())
         made = _made(found, folder, notes.command, read_sweeps(study, out))
@@ -199,12 +186,10 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
 
 def _made(found: Findings, out: Path, command: str, sweeps: Mapping[str, Degradation]) -> str:
     """The sections of the page, whose figures are drawn in a folder."""
-    key = quantity_of(found.results).column.key
-    board = make_scoreboard(found.results, found.families, key)
     online, missing = online_table(found.results.baselines), list(found.missing.items())
     sections = [
         ("Protocol", _protocol(found, command)),
-        (board.column.label.capitalize(), _scores(found, board, out, key)),
+        (found.main.column.label.capitalize(), _scores(found, out)),
         ("Online algorithms", online),
         ("Comparison with the data", f"{DATA_CAPTION}\n\n{distance_table(found)}"),
         *safety_sections(found, out).items(),
@@ -290,11 +275,12 @@ def _links() -> str:
     return "".join(f"- [{name}]({name}): {what}\n" for name, what in files.items())
 
 
-def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
+def _scores(found: Findings, out: Path) -> str:
+    board = found.main
     scale = {
         "score": "0 is the better of an idle and a random team, 100 the expert.",
         "return": "Team return; this world has no measured expert.",
-    }[key]
+    }[board.column.key]
     shown = {without_version(name): board.in_shown_units(name) for name in board.estimates}
     n_lines = math.ceil(len(shown) / MAX_PANELS_IN_A_LINE)
     if fits_on_a_screen(len(board.families), n_lines):
@@ -305,7 +291,7 @@ def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
             out / "scores.png",
             label=board.column.label,
             families=board.families,
-            shares_axis=key == "score",
+            shares_axis=board.column.key == "score",
         )
     else:
         means = {
@@ -313,7 +299,7 @@ def _scores(found: Findings, board: Scoreboard, out: Path, key: str) -> str:
             for name, each in board.estimates.items()
         }
         scale = f"{board.column.label} minus the mean of the data"
-        plot_board(board, out / "scores.png", means, scale, SCALE_LIMIT, has_side=True)
+        plot_board(board, out / "scores.png", means, scale, has_side=True)
     return (
         f"{scale} Bold: the best algorithm of a dataset, and those whose difference to it, paired "
         f"by episode, is not clearly below 0.\n\n{scoreboard_table(board)}\n"
@@ -339,10 +325,7 @@ def _overall(found: Findings, out: Path) -> dict[str, str]:
 def page_with(made: str, file: Path, title: str) -> str:
     """Returns a page whose tables and figures are new, and whose text is that of the file.
 
-    Args:
-        made: tables and figures.
-        file: the page before; it need not exist. Where it has no line `MADE`, all of it is text.
-        title: of a new page.
+    The file need not exist: then the page has a title. Without a line `MADE`, all of it is text.
     """
     old = file.read_text(encoding="utf-8") if file.exists() else f"# {title}\n"
     return f"{old.partition(MADE)[0].rstrip()}\n\n{MADE}\n\n{made.strip()}\n"

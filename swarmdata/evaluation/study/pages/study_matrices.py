@@ -24,7 +24,6 @@ def plot_board(
     path: Path,
     base: Mapping[str, Mapping[str, float]],
     scale: str,
-    limit: float = SCALE_LIMIT,
     *,
     has_side: bool = False,
 ) -> None:
@@ -37,7 +36,6 @@ def plot_board(
         path: where to save.
         base: dataset -> label -> what its color is the difference to, in shown units.
         scale: what the color shows.
-        limit: difference at which colors end.
         has_side: whether the mean of the data stands beside each dataset.
     """
     datasets = _datasets(board)
@@ -50,7 +48,7 @@ def plot_board(
         for dataset in board.estimates
         for label, each in board.in_shown_units(dataset).items()
     }
-    notes = Notes(limit, scale, FRAMES, family_colors(tuple(labels)))
+    notes = Notes(SCALE_LIMIT, scale, FRAMES, family_colors(tuple(labels)))
     if is_wide:
         if has_side:
             notes = notes._replace(side=board.shown_data, side_title="data")

@@ -19,10 +19,7 @@ ONLINE_COLUMNS = ("score", "return", "success", "clean_success", "robot_collisio
 def scoreboard_table(board: Scoreboard, *, is_ranked: bool = True) -> str:
     """A row for each algorithm, a column for each dataset; the first row is the mean of the data.
 
-    Args:
-        board: to show.
-        is_ranked: whether the best of a column and those that are not clearly worse are bold
-            (`Scoreboard.leaders`).
+    Ranked ones have `Scoreboard.leaders` in bold.
     """
     names = list(board.estimates)
     head = ("algorithm", "family", *map(without_version, names))
@@ -30,26 +27,17 @@ def scoreboard_table(board: Scoreboard, *, is_ranked: bool = True) -> str:
     for name in names:
         mean = board.data.get(name)
         data_row.append(UNDEFINED if mean is None else format_number(mean, board.column))
-    bold = {
-        name: board.leaders(name) if is_ranked and board.estimates[name] else [] for name in names
-    }
+    cells: dict[tuple[str, str], str] = {}
+    for name, found in board.estimates.items():
+        bold = board.leaders(name) if is_ranked and found else []
+        for label, each in found.items():
+            text = format_estimate(each, board.column)
+            cells[label, name] = f"**{text}**" if label in bold else text
     rows = [
-        (
-            f"`{label}`",
-            family,
-            *(_cell(board, name, label, is_bold=label in bold[name]) for name in names),
-        )
+        (f"`{label}`", family, *(cells.get((label, name), UNDEFINED) for name in names))
         for label, family in board.families.items()
     ]
     return markdown.table(head, [data_row, *rows])
-
-
-def _cell(board: Scoreboard, dataset: str, label: str, *, is_bold: bool) -> str:
-    found = board.estimates[dataset].get(label)
-    if found is None:
-        return UNDEFINED
-    text = format_estimate(found, board.column)
-    return f"**{text}**" if is_bold else text
 
 
 def online_table(cases: Sequence[Case]) -> str:

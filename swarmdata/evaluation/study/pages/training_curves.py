@@ -81,15 +81,8 @@ def plot_training_curves(
 ) -> None:
     """Draws values over training: the mean over seeds in a band from lowest to highest.
 
-    Args:
-        panels: title -> algorithm -> curve.
-        looks: color and marker of each algorithm.
-        path: where to save.
-        ylabel: of the values, with unit.
-        factor: from values to that unit.
-        yscale: of the vertical axis, which the panels share.
-        n_columns: panels in a row, at most.
-        xlabel: of the progress of training.
+    Panels, `n_columns` in a row at most, are title -> algorithm -> curve; `factor` is from its
+    values to the unit of the vertical axis, which they share.
     """
     styles = {name: {**looks[name], **look} for name, look in line_looks(looks).items()}
     drawn = [

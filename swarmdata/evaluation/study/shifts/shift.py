@@ -1,7 +1,8 @@
 """The policies of finished cells in other views and tasks: what to evaluate, what they reach."""
 
+import itertools
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Unpack
@@ -16,14 +17,13 @@ from swarmdata.evaluation.results.evaluation_jobs import (
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import QUANTITIES, estimate, quantities_of
 from swarmdata.evaluation.runs.job_options import JobOptions
-from swarmdata.evaluation.study.cells.cells import Cell, cell_folder, cell_run_folder
+from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, results_of
 from swarmdata.evaluation.study.pages.data_views import label_of, view_cells
 from swarmdata.evaluation.study.pages.scoreboard import quantity_of
 from swarmdata.evaluation.study.shifts.shift_table import Shifted
 from swarmdata.specs.model_choice import Source
-from swarmdata.specs.task_spec import TaskSpec
 
 _LOG = logging.getLogger("swarmdata")
 
@@ -45,16 +45,12 @@ class Shift:
 def plan_shift(
     found: Findings, cell: Cell, conditions: Mapping[str, Source], results: Path, place: Shifted
 ) -> Shift:
-    """Finds what there is to evaluate.
+    """Finds what there is to evaluate of a finished cell.
 
-    Args:
-        found: what was measured.
-        cell: a finished one.
-        conditions: `task`, `observation` and `communication`, as `find_target` takes them.
-        results: folder that keeps the episodes, so that an interrupted study resumes.
-        place: names of the conditions, and the number of seeds of the study's block.
+    The conditions are `task`, `observation` and `communication`, as `find_target` takes them; the
+    folder of results keeps the episodes, so that an interrupted study resumes.
     """
-    run = cell_run_folder(cell, cell_folder(found.work, cell))
+    run = cell.run_in(cell.folder(found.work))
     if not run.is_dir():
         return Shift(place, None)
     source = TargetName.parse({"name": run, **conditions})
@@ -67,15 +63,7 @@ def plan_shift(
 
 
 def run_shifts(shifts: Sequence[Shift], **options: Unpack[JobOptions]) -> None:
-    """Evaluates what is not kept yet; a warning names cells without policies.
-
-    Args:
-        shifts: may be none.
-        options: where policies are evaluated.
-
-    Raises:
-        SwarmdataError: as `run_evaluations` says.
-    """
+    """Evaluates what is not kept yet; a warning names cells without policies."""
     for place in (shift.place for shift in shifts if shift.evaluations is None):
         _LOG.warning(
             "%s/%s has no policies in the folder of cells, so it is not evaluated in %s: make it "
@@ -132,6 +120,7 @@ def plan_transfers(found: Findings) -> list[Shift]:
     plan = found.study.information
     if plan is None:
         return []
+    n_episodes = found.study.shifted_episodes(plan.transfer_episodes)
     shifts = []
     for dataset in map(short_name, plan.datasets):
         for label in plan.transfer:
@@ -141,27 +130,16 @@ def plan_transfers(found: Findings) -> list[Shift]:
                 if cell.label == label
             }
             cells = {view: known[view] for view in plan.views if view in known}
-            specs = {view: _spec_of(found, cell) for view, cell in cells.items()}
-            shifts += [
-                shift for view, cell in cells.items() for shift in _from(found, view, cell, specs)
-            ]
+            models = {view: _models_of(found, cell) for view, cell in cells.items()}
+            for (view, cell), other in itertools.product(cells.items(), models):
+                place = Shifted(dataset, label, view, other, len(cell.seeds), n_episodes, {})
+                folder = found.work / TRANSFER_FOLDER / label / cell.data / other
+                shifts.append(plan_shift(found, cell, models[other], folder, place))
     return shifts
 
 
-def _spec_of(found: Findings, cell: Cell) -> TaskSpec:
-    """The spec that a cell's policies were evaluated in."""
+def _models_of(found: Findings, cell: Cell) -> dict[str, Source]:
+    """The models that a cell's policies were evaluated with."""
     spec = results_of([cell], found.work)[0].spec.world
     assert spec is not None  # a cell of a recording of another environment is not evaluated
-    return spec
-
-
-def _from(found: Findings, view: str, cell: Cell, specs: dict[str, TaskSpec]) -> Iterator[Shift]:
-    """The policies that learned in one view, in all views."""
-    plan = found.study.information
-    assert plan is not None
-    for other, spec in specs.items():
-        dataset, n = short_name(cell.source), found.study.shifted_episodes(plan.transfer_episodes)
-        place = Shifted(dataset, cell.label, view, other, len(cell.seeds), n, {})
-        models = {"observation": spec.observation, "communication": spec.communication}
-        folder = found.work / TRANSFER_FOLDER / cell.label / cell.data / other
-        yield plan_shift(found, cell, models, folder, place)
+    return {"observation": spec.observation, "communication": spec.communication}

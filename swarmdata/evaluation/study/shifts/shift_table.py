@@ -9,9 +9,9 @@ from typing import NamedTuple
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate, to_csv
-from swarmdata.evaluation.results.result_tables import QUANTITIES, Quantity
+from swarmdata.evaluation.results.result_tables import QUANTITIES, UNDEFINED_ESTIMATE, Quantity
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
+from swarmdata.evaluation.study.pages.scoreboard import quantity_of
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
@@ -65,8 +65,7 @@ def _rows(each: Shifted) -> Iterable[dict[str, object]]:
         "runs": each.n_runs,
         "episodes": each.n_episodes,
     }
-    undefined = Estimate(math.nan, math.nan, math.nan)
-    for key, found in (each.estimates or {"": undefined}).items():
+    for key, found in (each.estimates or {"": UNDEFINED_ESTIMATE}).items():
         yield {**where, METRIC: key, **dict(zip(ESTIMATE, map(float, found), strict=True))}
 
 
@@ -140,7 +139,7 @@ def task_section(found: Findings, rows: Sequence[Shifted], out: Path) -> dict[st
 
 def _plot_tasks(found: Findings, rows: Sequence[Shifted], path: Path) -> None:
     """Draws success, a row for each dataset and algorithm, a column for each task."""
-    board = make_scoreboard(found.results, found.families, "success")
+    board = found.board("success")
     trained = {without_version(name): board.in_shown_units(name) for name in board.estimates}
     cells: dict[tuple[str, str], MatrixCell] = {}
     names: dict[str, list[str]] = {}

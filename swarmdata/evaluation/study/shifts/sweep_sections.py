@@ -80,13 +80,7 @@ def _table(label: str, found: Degradation) -> str:
 
 
 def plot_sweeps(sweeps: Sequence[Degradation], looks: Looks, path: Path) -> None:
-    """Draws a column for each sweep, success above clean success; worse values are on the right.
-
-    Args:
-        sweeps: at least one.
-        looks: color and marker of each row of the study.
-        path: where to save.
-    """
+    """Draws a column for each sweep, success above clean success; worse values are on the right."""
     styles = {label: {**looks[label], **look} for label, look in line_looks(looks).items()}
     rows = []
     for column in SOLVED:

@@ -12,16 +12,9 @@ from swarmdata.evaluation.robustness.sweep import plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
 from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
 from swarmdata.evaluation.runs.job_options import JobOptions
-from swarmdata.evaluation.study.cells.cells import (
-    Cell,
-    cell_folder,
-    cell_run_folder,
-    is_done,
-    offline_cell,
-)
+from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
-from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import SweepPlan, View
 from swarmdata.evaluation.study.shifts.sweep_sections import SWEEPS_FOLDER
 from swarmdata.numerics.random import SeedBlock
@@ -50,7 +43,7 @@ class PlannedSweep:
 
     def is_ready(self, work: Path) -> bool:
         """Whether all its cells are done."""
-        return all(is_done(cell, cell_folder(work, cell)) for cell in self.cells)
+        return all(cell.is_done(cell.folder(work)) for cell in self.cells)
 
     def is_measured(self, work: Path) -> bool:
         """Whether all its points were evaluated."""
@@ -62,47 +55,33 @@ def plan_sweeps(found: Findings, digest_of: Callable[[str], str]) -> list[Planne
 
     A sweep whose dataset has no results yet is left out.
     """
-    board = make_scoreboard(found.results, found.families, quantity_of(found.results).column.key)
-    planned = []
-    for label, plan in found.study.sweeps.items():
-        n_episodes = found.study.shifted_episodes(plan.episodes)
-        ids = {
-            found.facts[cell.name].id
-            for cell in found.cells
-            if cell.kind == "offline" and cell.data == short_name(plan.dataset)
-        }
-        for dataset in ids & board.estimates.keys():
-            best = board.best_by_family(dataset)
+    study, planned = found.study, []
+    for label, plan in study.sweeps.items():
+        dataset = found.dataset_ids.get(short_name(plan.dataset), "")
+        if dataset in found.main.estimates:
+            best = found.main.best_by_family(dataset)
+            view = View(observation=plan.observation, communication=plan.communication)
             cells = tuple(
-                offline_cell(
-                    found.study,
-                    best[family],
-                    plan.dataset,
-                    digest_of,
-                    view=View(observation=plan.observation, communication=plan.communication),
-                )
-                for family in plan.families or found.study.families
+                offline_cell(study, best[family], plan.dataset, digest_of, view=view)
+                for family in plan.families or study.families
                 if family in best
             )
-            planned.append(PlannedSweep(label, plan, cells, n_episodes, found.study.block))
+            n_episodes = study.shifted_episodes(plan.episodes)
+            planned.append(PlannedSweep(label, plan, cells, n_episodes, study.block))
     return planned
 
 
 def run_sweeps(
     planned: Sequence[PlannedSweep], work: Path, out: Path, **options: Unpack[JobOptions]
 ) -> None:
-    """Runs the sweeps and puts their tables beside the page.
+    """Runs sweeps whose cells are done, and puts their tables into the folder of the page.
 
-    Args:
-        planned: sweeps whose cells are done.
-        work: folder of the cells; an interrupted sweep resumes there.
-        out: folder of the page.
-        options: where policies are evaluated.
+    An interrupted sweep resumes in the folder of cells.
     """
     for each in planned:
         plan = each.plan
         folder = each.folder(work)
-        names = [str(cell_run_folder(cell, cell_folder(work, cell))) for cell in each.cells]
+        names = [str(cell.run_in(cell.folder(work))) for cell in each.cells]
         axis = parse_axis(plan.axis, plan.vary, plan.points)
         sweep = plan_sweep(names, [axis], folder, n_episodes=each.n_episodes, block=each.block)
         run_sweep(sweep, **options)

@@ -1,7 +1,6 @@
 """One cell: done once, the same after any interruption, small when it is done."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,18 +18,13 @@ from swarmdata.evaluation.study.cells.cells import (
     ERROR_FILE,
     RESULTS_FOLDER,
     Cell,
-    cell_run_folder,
     cells_of,
-    find_conflict,
-    is_done,
 )
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, digest_of, open_dataset
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.run_files import CHECKPOINT
-from tests.evaluation.study.conftest import MADDPG
-
-Make = Callable[..., Study]
+from tests.evaluation.study.conftest import MADDPG, Make
 
 
 def cell_of(study: Study, name: str | None = None) -> Cell:
@@ -47,9 +41,9 @@ def returns(folder: Path) -> list[list[float]]:
 def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
     cell = cell_of(make_study(curves={"points": 2, "episodes": 2}))
     told: list[int] = []
-    assert not is_done(cell, tmp_path / "c")
+    assert not cell.is_done(tmp_path / "c")
     run_cell(cell, tmp_path / "c", told.append)
-    assert is_done(cell, tmp_path / "c")
+    assert cell.is_done(tmp_path / "c")
     assert sum(told) == cell.n_updates == 20
     assert np.shape(returns(tmp_path / "c")) == (2, 4)
     before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*") if file.is_file()}
@@ -61,7 +55,7 @@ def test_a_cell_is_done_once(make_study: Make, tmp_path: Path) -> None:
     assert cost.attempts[0].curve_seconds > 0
     facts = DatasetFacts.from_file(tmp_path / "c" / DATA_FILE)
     assert (facts.id, facts.digest) == ("coop_nav-tiny-v0", cell.digest)
-    tensors, metadata = load_checkpoint(cell_run_folder(cell, tmp_path / "c") / CHECKPOINT)
+    tensors, metadata = load_checkpoint(cell.run_in(tmp_path / "c") / CHECKPOINT)
     assert not any("adam" in name for name in tensors), "a finished run is small"
     assert metadata["update"] == 20
 
@@ -75,7 +69,7 @@ def test_a_cell_learns_from_its_rewards_and_is_measured_by_the_tasks(
     losses = {}
     for label, cell in found.items():
         run_cell(cell, tmp_path / label)
-        losses[label] = (cell_run_folder(cell, tmp_path / label) / "losses.csv").read_text()
+        losses[label] = (cell.run_in(tmp_path / label) / "losses.csv").read_text()
     assert losses["m"] != losses["other"]
     facts = [(tmp_path / label / DATA_FILE).read_text() for label in found]
     assert facts[0] == facts[1], "the data's returns are of the recorded rewards"
@@ -86,9 +80,9 @@ def test_a_cell_learns_from_its_rewards_and_is_measured_by_the_tasks(
     assert [each.provenance.changes.get("rewards") for each in results] == [
         None, {"progress": 0.0, "time": 9.0}
     ]  # fmt: skip
-    assert find_conflict(found["other"], tmp_path / "other") is None
+    assert found["other"].conflict(tmp_path / "other") is None
     weaker = found["other"].model_copy(update={"rewards": {"time": 9.0}})
-    assert "rewards" in str(find_conflict(weaker, tmp_path / "other"))
+    assert "rewards" in str(weaker.conflict(tmp_path / "other"))
 
 
 @pytest.mark.slow
@@ -135,22 +129,19 @@ def test_a_killed_cell_goes_on_to_the_same_numbers(make_study: Make, tmp_path: P
 
     with pytest.raises(KilledError):
         run_cell(cell, tmp_path / "killed", die)
-    assert not is_done(cell, tmp_path / "killed")
+    assert not cell.is_done(tmp_path / "killed")
     for name in ("killed", "whole"):
         run_cell(cell, tmp_path / name)
     assert returns(tmp_path / "killed") == returns(tmp_path / "whole")
-    losses = [
-        (cell_run_folder(cell, tmp_path / n) / "losses.csv").read_text()
-        for n in ("killed", "whole")
-    ]
+    losses = [(cell.run_in(tmp_path / n) / "losses.csv").read_text() for n in ("killed", "whole")]
     assert losses[0] == losses[1]
 
 
 def test_a_folder_of_another_cell_is_refused(make_study: Make, tmp_path: Path) -> None:
     one, other = (cell_of(make_study(episodes=n)) for n in (4, 5))
     run_cell(one, tmp_path / "c")
-    assert find_conflict(one, tmp_path / "c") is None
-    assert find_conflict(other, tmp_path / "c") == "n_episodes is 4, not 5"
+    assert one.conflict(tmp_path / "c") is None
+    assert other.conflict(tmp_path / "c") == "n_episodes is 4, not 5"
     with pytest.raises(BuildError, match="holds another bc/coop_nav-tiny-v0: n_episodes is"):
         run_cell(other, tmp_path / "c")
 

@@ -1,6 +1,5 @@
 """What a study asks for: cells with complete configurations, and keys of all that decides them."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +17,7 @@ from swarmdata.evaluation.study.plan import Study
 from swarmdata.offline_algos.mac_flow import MACFlowConfig
 from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import chosen_weights
-from tests.evaluation.study.conftest import BC, MADDPG
-
-Make = Callable[..., Study]
+from tests.evaluation.study.conftest import BC, MADDPG, Make
 
 
 def cells(study: Study) -> dict[str, Cell]:

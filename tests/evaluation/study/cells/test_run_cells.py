@@ -1,26 +1,16 @@
 """All cells: the longest first, failures apart, stale ones refused."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from swarmdata.errors import StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, CostMeter
-from swarmdata.evaluation.study.cells.cells import (
-    COST_FILE,
-    DONE_FILE,
-    Cell,
-    cell_folder,
-    cells_of,
-    is_done,
-)
+from swarmdata.evaluation.study.cells.cells import COST_FILE, DONE_FILE, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import longest_first, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.plan import Study
-from tests.evaluation.study.conftest import BC
-
-Make = Callable[..., Study]
+from tests.evaluation.study.conftest import BC, Make
 
 
 def cells(study: Study) -> list[Cell]:
@@ -34,8 +24,8 @@ def test_failures_do_not_stop_the_others(make_study: Make, tmp_path: Path) -> No
     failures = run_cells([bad, found[1]], tmp_path, progress=False)
     assert list(failures) == ["bc/coop_nav-tiny-v0"]
     assert failures["bc/coop_nav-tiny-v0"].startswith("SchemaError: ")
-    assert is_done(found[1], cell_folder(tmp_path, found[1]))
-    (attempt,) = Cost.from_file(cell_folder(tmp_path, found[1]) / COST_FILE).attempts
+    assert found[1].is_done(found[1].folder(tmp_path))
+    (attempt,) = Cost.from_file(found[1].folder(tmp_path) / COST_FILE).attempts
     assert attempt.updates == 20
     assert run_cells([found[1]], tmp_path, progress=False) == {}
 
@@ -49,9 +39,9 @@ def test_stale_cells_are_refused_and_done_again_when_asked(
     run_cells(before[:1], tmp_path, progress=False)
     with pytest.raises(StaleCellError, match=r"bc/coop_nav-tiny-v0 \(n_episodes is 4.*--again"):
         run_cells(after, tmp_path, progress=False)
-    assert is_done(before[0], cell_folder(tmp_path, before[0]))
+    assert before[0].is_done(before[0].folder(tmp_path))
     run_cells(after[:1], tmp_path, again=True, progress=False)
-    assert is_done(after[0], cell_folder(tmp_path, after[0]))
+    assert after[0].is_done(after[0].folder(tmp_path))
 
 
 def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None:

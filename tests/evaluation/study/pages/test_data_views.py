@@ -1,7 +1,6 @@
 """Views of a study's data: each is trained and evaluated, and policies are tried in the others."""
 
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +10,7 @@ from swarmdata.evaluation.study.cells import run_cells
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
-from tests.evaluation.study.conftest import BC, Here
+from tests.evaluation.study.conftest import BC, Here, Make, options_in, rows_below
 from tests.support.drawn import save_empty_figures
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here", "empty_figures")]
@@ -24,7 +23,7 @@ VIEWS = {
 
 
 @pytest.fixture(scope="module")
-def study(data: Path, make_study: Callable[..., Study]) -> Study:
+def study(data: Path, make_study: Make) -> Study:
     plan = {
         "datasets": [str(data)],
         "algorithms": ["bc"],
@@ -39,11 +38,10 @@ def study(data: Path, make_study: Callable[..., Study]) -> Study:
 def trained(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `out` and `work` of the study's cells; none was tried in other views."""
     folder = tmp_path_factory.mktemp("trained")
-    options = StudyOptions(folder / "out", folder / "work", only="bc/*", workers=1, progress=False)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run_cells, "open_engine", Here)
         save_empty_figures(patch)
-        assert run_study(study, options, "x")[0] == {}
+        assert run_study(study, options_in(folder, only="bc/*"), "x")[0] == {}
     return folder
 
 
@@ -51,14 +49,7 @@ def trained(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def options(trained: Path, tmp_path: Path) -> StudyOptions:
     """Of a copy of that folder."""
     shutil.copytree(trained, tmp_path, dirs_exist_ok=True)
-    return StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
-
-
-def rows_below(page: str, title: str, first: str) -> dict[str, list[str]]:
-    """Cells of the rows of the table that begins with a cell, below a title, by their first."""
-    table = page.partition(f"## {title}")[2].partition(f"\n| {first}")[2].partition("\n\n")[0]
-    rows = [line.strip("| ").split(" | ") for line in table.splitlines()[1:]]
-    return {row[0]: row[1:] for row in rows}
+    return options_in(tmp_path)
 
 
 def test_each_view_is_a_column_and_transfer_a_matrix(

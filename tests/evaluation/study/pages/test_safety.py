@@ -1,11 +1,7 @@
 """Success against clean success and collisions: which rows nothing exceeds."""
 
 from swarmdata.evaluation.study.pages.safety import Fronts, front_table
-from swarmdata.rollouts.score_statistics import Estimate
-
-
-def at(value: float) -> Estimate:
-    return Estimate(value, value - 1.0, value + 1.0)
+from tests.support.measured import at
 
 
 def test_a_row_is_optimal_if_no_other_is_as_good_in_both() -> None:

@@ -1,10 +1,7 @@
 """The folder of a study: every table and figure that was asked for, from what the cells found."""
 
-import csv
-import io
 import re
 import shutil
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,8 +19,9 @@ from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
-from tests.evaluation.study.conftest import BC, MADDPG, Here
+from tests.evaluation.study.conftest import BC, MADDPG, Here, Make, options_in
 from tests.support.drawn import save_empty_figures
+from tests.support.measured import csv_rows
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -31,7 +29,7 @@ WHOLE = {"algorithms": {"bc": BC, "maddpg": MADDPG}, "curves": {"points": 2, "ep
 
 
 @pytest.fixture(scope="module")
-def study(data: Path, make_study: Callable[..., Study]) -> Study:
+def study(data: Path, make_study: Make) -> Study:
     return make_study(
         **WHOLE,
         sizes={"datasets": [str(data)], "algorithms": ["bc"], "sizes": ["full", 200]},
@@ -46,7 +44,7 @@ def study(data: Path, make_study: Callable[..., Study]) -> Study:
 def finished(study: Study, tmp_path_factory: pytest.TempPathFactory) -> StudyOptions:
     """Where the study was run, once."""
     folder = tmp_path_factory.mktemp("finished")
-    options = StudyOptions(folder / "out", folder / "work", 1, progress=False)
+    options = options_in(folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run_cells, "open_engine", Here)
         save_empty_figures(patch)
@@ -56,7 +54,7 @@ def finished(study: Study, tmp_path_factory: pytest.TempPathFactory) -> StudyOpt
 
 
 def rows(file: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(io.StringIO(file.read_text())))
+    return csv_rows(file.read_text())
 
 
 @pytest.mark.slow
@@ -89,7 +87,7 @@ def test_everything_is_written_and_again_the_same(study: Study, finished: StudyO
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_a_mixture_is_a_dataset_of_its_own(
-    data: Path, other_data: Path, make_study: Callable[..., Study], tmp_path: Path
+    data: Path, other_data: Path, make_study: Make, tmp_path: Path
 ) -> None:
     parts = {str(data): 3, str(other_data): 1}
     views = {"recorded": {}, "lidar": {"observation": "lidar-8"}}
@@ -100,11 +98,7 @@ def test_a_mixture_is_a_dataset_of_its_own(
         seeds=[0],
         information={"datasets": ["both"], "algorithms": ["bc"], "views": views},
     )
-    failures, files = run_study(
-        study,
-        StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False),
-        "swarmdata study",
-    )
+    failures, files = run_study(study, options_in(tmp_path), "swarmdata study")
     assert failures == {}
     found = {run["dataset"]: run for run in rows(tmp_path / "out" / "data.csv")}
     mixed = [name for name in found if "+" in name]
@@ -161,17 +155,17 @@ def test_pages_are_made_again_from_the_folder_alone(finished: StudyOptions, tmp_
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
-    make_study: Callable[..., Study], data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    make_study: Make, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     other = tmp_path / "other-v0"
     shutil.copytree(data, other)
     study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, only="bc/coop*", progress=False)
+    options = options_in(tmp_path, only="bc/coop*")
     _, files = run_study(study, options, "x")
     assert "| bc/other-v0 | not run yet |" in files[0].read_text()
     monkeypatch.setattr(cell_worker, "_evaluate", _run_out_of_space)
     study = make_study(algorithms={"bc": BC})
-    empty = StudyOptions(tmp_path / "out", tmp_path / "empty", 1, progress=False)
+    empty = replace(options_in(tmp_path), work=tmp_path / "empty")
     with pytest.raises(StudyError, match="no cell on the study's datasets is done"):
         run_study(study, empty, "x")
     error = tmp_path / "empty/cells/bc/coop_nav-tiny-v0/error.txt"
@@ -185,12 +179,11 @@ def _run_out_of_space(*_: object) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
 def test_a_row_with_other_rewards_stands_beside_the_one_without(
-    make_study: Callable[..., Study], data: Path, tmp_path: Path
+    make_study: Make, data: Path, tmp_path: Path
 ) -> None:
     strict = {**MADDPG, "rewards": {"time": 9.0}}
     study = make_study(algorithms={"m": MADDPG, "strict": strict}, seeds=[0])
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, progress=False)
-    failures, (page, *_) = run_study(study, options, "x")
+    failures, (page, *_) = run_study(study, options_in(tmp_path), "x")
     assert failures == {}
     runs = rows(tmp_path / "out" / "results.csv")
     assert {(run["label"], run["dataset"], run["rewards"]) for run in runs} == {
@@ -206,9 +199,7 @@ def test_a_row_with_other_rewards_stands_beside_the_one_without(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("empty_figures")
-def test_pairs_and_online_rows_have_sections(
-    make_study: Callable[..., Study], data: Path, tmp_path: Path
-) -> None:
+def test_pairs_and_online_rows_have_sections(make_study: Make, data: Path, tmp_path: Path) -> None:
     task = tmp_path / "nav.yaml"
     task.write_text(swarmdata.load(data).task.to_yaml())
     settings = {"n_copies": 2, "rollout_steps": 16, "minibatch": 32, "n_epochs": 1, "hidden": 8}
@@ -226,7 +217,7 @@ def test_pairs_and_online_rows_have_sections(
             "same": {"title": "Cost", "pairs": [["bc-2x", "bc"]]},
         },
     )  # fmt: skip
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", 1, only="[!l]*", progress=False)
+    options = options_in(tmp_path, only="[!l]*")
     run_study(study, options, "x")
     failures, (report, *_) = run_study(study, replace(options, only="learned/*"), "x")
     assert failures == {}

@@ -1,43 +1,37 @@
 """Policies of a study in tasks that they were not trained in: larger teams, other places."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from swarmdata.errors import UnknownNameError
-from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
-from tests.evaluation.study.conftest import BC
+from tests.evaluation.study.conftest import BC, Make, rows_below
 
 pytestmark = pytest.mark.usefixtures("here", "empty_figures")
 
 SETS = {**BC, "settings": {"policy_network": "deep_sets"}}
 
 
-def rows_below(page: str, title: str) -> list[list[str]]:
-    """Cells of the first table below a title."""
-    table = page.partition(title)[2].partition("\n\n")[0]
-    return [line.strip("| ").split(" | ") for line in f"{title}{table}".splitlines()]
-
-
 @pytest.mark.slow
 def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
-    data: Path, make_study: Callable[..., Study], tmp_path: Path, caplog: pytest.LogCaptureFixture
+    data: Path,
+    make_study: Make,
+    options: StudyOptions,
+    tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
 ) -> None:
     tasks = ["coop_nav-easy", "coop_nav-n8"]
     plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
     study = make_study(algorithms={"bc": BC, "sets": SETS}, seeds=[0], tasks=plan)
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
-    head, _, bc, sets = rows_below(page, "| coop_nav-tiny-v0: success (%)")
-    assert head[1:] == tasks
-    assert bc[0] == "`bc`"
-    assert bc[2] == "other inputs"
-    assert "other inputs" not in sets
+    assert f"| coop_nav-tiny-v0: success (%) | {' | '.join(tasks)} |" in page
+    rows = rows_below(page, "Other places", "coop_nav-tiny-v0: success (%)")
+    assert rows["`bc`"][1] == "other inputs"
+    assert "other inputs" not in rows["`sets`"]
     kept = {path.relative_to(tmp_path / "work/tasks") for path in tmp_path.glob("work/tasks/*/*/*")}
     assert kept == {
         Path("bc/coop_nav-tiny-v0/coop_nav-easy"),
@@ -53,10 +47,9 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
 
 
 def test_unknown_tasks_are_refused_before_the_training(
-    data: Path, make_study: Callable[..., Study], tmp_path: Path
+    data: Path, make_study: Make, options: StudyOptions, tmp_path: Path
 ) -> None:
     plan = {"datasets": [str(data)], "algorithms": ["bc"], "tasks": ["coop_nev"]}
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     with pytest.raises(UnknownNameError, match="coop_nev"):
         run_study(make_study(tasks=plan), options, "x")
     assert not (tmp_path / "work").exists()

@@ -2,14 +2,11 @@
 
 import re
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from swarmdata.evaluation.results.result_files import load_result
-from swarmdata.evaluation.study.cells.cells import cell_folder, is_done
-from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import (
     StudyOptions,
     collect_study,
@@ -18,13 +15,13 @@ from swarmdata.evaluation.study.run_study import (
     run_study,
 )
 from swarmdata.numerics.random import VALIDATION_BASE
-from tests.evaluation.study.conftest import BC, MADDPG
+from tests.evaluation.study.conftest import BC, MADDPG, Make
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here", "empty_figures")]
 
 
 def test_the_best_of_each_family_is_swept(
-    data: Path, make_study: Callable[..., Study], tmp_path: Path
+    data: Path, make_study: Make, options: StudyOptions, tmp_path: Path
 ) -> None:
     shared = {"dataset": str(data), "points": 2}
     study = make_study(
@@ -38,7 +35,6 @@ def test_the_best_of_each_family_is_swept(
                       "families": ["cloning"]},
         },
     )  # fmt: skip
-    options = StudyOptions(tmp_path / "out", tmp_path / "work", workers=1, progress=False)
     grid = [f"{label}/coop_nav-tiny-v0" for label in study.algorithms]
     listed = list_cells(study, options)
     assert [cell.name for cell in listed.cells] == grid
@@ -49,7 +45,7 @@ def test_the_best_of_each_family_is_swept(
     swept = [cell for cell in listed.cells if cell.name not in grid]
     assert listed.open_sweeps == ()
     assert len(swept) == 2
-    assert all(is_done(cell, cell_folder(options.work_of(study), cell)) for cell in listed.cells)
+    assert all(cell.is_done(cell.folder(options.work_of(study))) for cell in listed.cells)
     assert not run_one_cell(study, swept[0].name, options)
     results = [load_result(each) for each in tmp_path.glob("work/sweeps/*/results/**/*.json")]
     assert min(each.evaluation.seeds.min() for each in results) >= VALIDATION_BASE
