@@ -5,17 +5,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.bc_latent import BCLatent, BCLatentConfig  # noqa: E402
-from swarmdata.types import Step  # noqa: E402
-from tests.offline_algos.toys import SIZES, random_batch, same_side, statistics, step_of, trained  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.policies.policy_file import load_policy, save_policy
+from swarmdata.learn.training.run_folder import load_run
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.bc_latent import BCLatent, BCLatentConfig
+from swarmdata.types import Step
+from tests.offline_algos.toys import SIZES, random_batch, same_side, statistics, step_of, trained
 
 N_EPISODES = 6
 

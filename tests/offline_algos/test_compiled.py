@@ -3,15 +3,14 @@
 from typing import Any
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="compiling needs torch")
-
-from swarmdata.learn.networks.compilation import compiling, has_compilable  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
-from swarmdata.testing.sample_batches import sample_statistics as statistics  # noqa: E402
-from tests.contract.test_algorithms import SIZES, SMALL  # noqa: E402
+from swarmdata.learn.networks.compilation import compiling, has_compilable
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.testing.sample_batches import sample_batch as draw
+from swarmdata.testing.sample_batches import sample_statistics as statistics
+from tests.contract.test_algorithms import SIZES, SMALL
 
 pytestmark = pytest.mark.slow
 

@@ -3,14 +3,12 @@
 from typing import get_args
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-
-from swarmdata.learn.networks.mixers import MixerKind  # noqa: E402
-from swarmdata.learn.objectives.losses import cloning_loss  # noqa: E402
-from swarmdata.offline_algos.facmac_bc import FACMACBC  # noqa: E402
-from tests.offline_algos.toys import made, random_batch  # noqa: E402
+from swarmdata.learn.networks.mixers import MixerKind
+from swarmdata.learn.objectives.losses import cloning_loss
+from swarmdata.offline_algos.facmac_bc import FACMACBC
+from tests.offline_algos.toys import made, random_batch
 
 
 @pytest.mark.parametrize("mixer", get_args(MixerKind))

@@ -6,15 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
-from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig  # noqa: E402
-from tests.offline_algos.conftest import drive  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.training.run_folder import load_run, read_run
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.bc import BC, BCConfig
+from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig
+from tests.offline_algos.conftest import drive
+from tests.support.memory_dataset import MemoryDataset
 
 
 @pytest.mark.parametrize(

@@ -5,17 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import Reward  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow, MACFlowConfig  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import Reward
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow, MACFlowConfig
+from swarmdata.types import Batch
+from tests.offline_algos.toys import (
     made,
     random_batch,
     set_bias,

@@ -2,12 +2,10 @@
 
 import math
 
-import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.offline_algos.maddpg_cql import MADDPGCQL  # noqa: E402
-from tests.offline_algos.toys import made, random_batch  # noqa: E402
+from swarmdata.offline_algos.maddpg_cql import MADDPGCQL
+from tests.offline_algos.toys import made, random_batch
 
 
 def test_samples_are_from_anywhere_and_near_both_policies() -> None:

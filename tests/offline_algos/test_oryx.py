@@ -6,19 +6,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run  # noqa: E402
-from swarmdata.learn.training.trainer import sampler_of, train_seeds  # noqa: E402
-from swarmdata.offline_algos.oryx import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.training.run_folder import load_run
+from swarmdata.learn.training.trainer import sampler_of, train_seeds
+from swarmdata.offline_algos.oryx import (
     Oryx,
     OryxConfig,
     lambda_returns,
 )
-from swarmdata.types import Float  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
+from swarmdata.types import Float
+from tests.offline_algos.toys import (
     hinted_side,
     made,
     random_batch,
@@ -26,7 +25,7 @@ from tests.offline_algos.toys import (  # noqa: E402
     trained,
     two_episodes,
 )
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from tests.support.memory_dataset import MemoryDataset
 
 SMALL: dict[str, Any] = {
     "width": 32, "value_hidden": (16,), "burn_in": 1, "window": 2, "n_components": 2,

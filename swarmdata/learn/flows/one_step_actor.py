@@ -164,9 +164,7 @@ class Distillation:
     def __init__(
         self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...], *, learning_rate: float
     ) -> None:
-        self.flow = JointFlow(
-            setup.sizes, setup.seeds, config.flow_hidden, config.n_flow_steps, setup.device
-        )
+        self.flow = JointFlow(setup, config.flow_hidden, config.n_flow_steps)
         self.actor = OneStepActor(setup, config, hidden)
         self._debiased = config.debiased
         self._descent = Descent(

@@ -82,7 +82,4 @@ def make_actor(
                 "a memory. Set memory none or policy_network mlp."
             )
         return RecurrentActor(setup, tuple(hidden), settings, squash=squash)
-    return StackedActor(
-        setup.sizes, setup.seeds, tuple(hidden), setup.statistics,
-        squash=squash, device=setup.device, policy_network=policy_network,
-    )  # fmt: skip
+    return StackedActor(setup, tuple(hidden), squash=squash, policy_network=policy_network)

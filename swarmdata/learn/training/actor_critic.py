@@ -165,12 +165,9 @@ class OfflineLearner(ABC):
     config: Any  # settings, with `n_updates` and `final_learning_rate_factor`
     generators: Sequence[torch.Generator] = ()
     """Of the noise of training, one per seed; empty if there is none."""
+    parts: Sequence[Part]
+    """All that has parameters; entries of their states have different names."""
     n_updates = 0
-
-    @property
-    @abstractmethod
-    def parts(self) -> Sequence[Part]:
-        """All that has parameters; entries of their states have different names."""
 
     @property
     def scale(self) -> float:
@@ -233,12 +230,13 @@ class TwoStageActorCritic(OfflineLearner):
     Args:
         setup: sizes, seeds and the dataset's statistics.
         config: settings.
+        critics: of each seed.
     """
 
     critics: Critics
 
-    def __init__(self, setup: Setup, config: TwoStageConfig) -> None:
-        self.config = config
+    def __init__(self, setup: Setup, config: TwoStageConfig, critics: Critics) -> None:
+        self.config, self.critics = config, critics
         self.actor = DelayedActor(
             squashed_actor(setup, config), setup.n_seeds,
             learning_rate=config.actor_learning_rate, max_norm=config.max_grad_norm,
@@ -247,11 +245,8 @@ class TwoStageActorCritic(OfflineLearner):
         self.second_stage = None
         if config.extraction != "joint":
             self.second_stage = SecondStage(self.actor, setup, self.generators, config)
-
-    @property
-    def parts(self) -> Sequence[Part]:
         second = () if self.second_stage is None else (self.second_stage,)
-        return self.actor, self.critics, *second
+        self.parts = (self.actor, critics, *second)
 
     @abstractmethod
     def critic_inputs(self, batch: Batch) -> Any:
@@ -341,9 +336,8 @@ class LossActorCritic(TwoStageActorCritic):
 def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     """Makes the actors of K seeds, whose outputs pass through tanh."""
     return StackedActor(
-        setup.sizes, setup.seeds, config.actor_hidden, setup.statistics,
-        squash=True, device=setup.device, policy_network=config.policy_network,
-    )  # fmt: skip
+        setup, config.actor_hidden, squash=True, policy_network=config.policy_network
+    )
 
 
 def scale_and_stage(

@@ -1,13 +1,11 @@
 """Joint critics: twins apart, parameters that the policies' loss cannot move, slow copies."""
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.critics import Critics  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
+from swarmdata.learn.networks.critics import Critics
+from swarmdata.learn.networks.setup import Sizes
 
 SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
 

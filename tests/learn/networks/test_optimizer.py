@@ -1,13 +1,11 @@
 """The stacked Adam against torch's plain one, clipping, and the cosine."""
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.optimizer import Descent, StackedAdam, clip_per_seed, cosine, linear  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp  # noqa: E402
+from swarmdata.learn.networks.optimizer import Descent, StackedAdam, clip_per_seed, cosine, linear
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
 
 SHAPE = MLPShape(3, (8,), 2)
 

@@ -3,14 +3,12 @@
 import math
 
 import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
-
-from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.learn.objectives.conservative import (  # noqa: E402
+from swarmdata.learn.networks.network_inputs import generators
+from swarmdata.learn.objectives.conservative import (
     cql_gap,
     noisy_samples,
     soft_maximum,
