@@ -148,10 +148,8 @@ class Climb:
     """How far actors climb critics: the scales of K seeds, 0 until they are measured.
 
     Args:
-        n_seeds: K.
         inverse_temperature: eta; 0 does not climb.
         slope_limit: longest slope that pulls a robot, in units of s.
-        device: where the scales are.
     """
 
     def __init__(

@@ -51,7 +51,6 @@ class JointFlow:
     """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends.
 
     Args:
-        setup: sizes and seeds.
         hidden: sizes of the hidden layers, at least one.
         n_steps: of Euler's method.
 

@@ -26,9 +26,6 @@ class RecurrentActor:
     """Maps all normalized observations of an episode so far, and the agent's number, to actions.
 
     Args:
-        setup: sizes, seeds and the dataset's statistics.
-        hidden: sizes of the hidden layers.
-        settings: of the memory.
         squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
     """
 

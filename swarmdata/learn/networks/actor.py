@@ -27,8 +27,6 @@ class StackedActor:
     """Maps normalized observations to actions; perceptrons see the agent's number too.
 
     Args:
-        setup: sizes, seeds and the dataset's statistics.
-        hidden: sizes of the hidden layers.
         squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
         policy_network: `deep_sets` reads the slots of an observation as sets (`set_networks`).
 
@@ -95,9 +93,6 @@ class DelayedActor(Descent):
 
     Args:
         online: the policies; their outputs pass through tanh.
-        n_seeds: number of seeds, K.
-        learning_rate: of Adam.
-        max_norm: largest norm of one seed's gradient; None does not clip.
     """
 
     def __init__(
@@ -146,10 +141,7 @@ class BehaviorDensity(Descent):
 
     Args:
         actor: whose inputs and kind of network the density shares.
-        seeds: of the initial parameters, [K].
         floor: least deviation; without one, a certain density forbids every improvement.
-        learning_rate: of Adam.
-        max_norm: largest norm of one seed's gradient; None does not clip.
     """
 
     def __init__(

@@ -27,10 +27,8 @@ class FactoredCritics(Descent):
     """J factored critics of each of K seeds, their targets, and their optimizers.
 
     Args:
-        setup: sizes and seeds.
         hidden: sizes of the hidden layers of Q_i, which have LayerNorm.
         mixer: of K J networks, rows as `utilities` has them.
-        learning_rate: of Adam.
         max_norm: of the gradient of one seed's Q_i, and of its mixers; None does not clip.
         n_critics: J.
     """

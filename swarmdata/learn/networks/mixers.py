@@ -62,13 +62,11 @@ class HyperMixer:
     weights divided by N, so that their scale is independent of the size of the team.
 
     Args:
-        n_agents: N.
         state_size: S.
         seeds: of the initial parameters, [K].
         stream: separates the draws of different networks of one seed.
         embedding: width of the mixing network's hidden layer, M.
         hidden: width of the hypernetwork's hidden layer.
-        device: where the parameters are.
         n_critics: mixers of each seed, J, which are neighbors; K is then J times the number of
             seeds.
         is_monotonic: whether u is |.|.
@@ -140,7 +138,6 @@ class LinearMixer:
     team's.)
 
     Args:
-        setup: sizes and seeds.
         hidden: width of the perceptron's hidden layer.
     """
 

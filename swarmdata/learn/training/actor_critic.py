@@ -225,13 +225,7 @@ def robot_valuer(
 
 
 class TwoStageActorCritic(OfflineLearner):
-    """Critics, and actors that move less often; the losses are in the files of the algorithms.
-
-    Args:
-        setup: sizes, seeds and the dataset's statistics.
-        config: settings.
-        critics: of each seed.
-    """
+    """Critics, and actors that move less often; the losses are in the files of the algorithms."""
 
     critics: Critics
 
@@ -355,14 +349,7 @@ def scale_and_stage(
 
 
 class SecondStage:
-    """Density, optimizer and temperature of the second stage of K seeds.
-
-    Args:
-        actor: what is extracted into.
-        setup: seeds of the runs, [K].
-        generators: of the draws from the density, one per seed, [K].
-        config: settings.
-    """
+    """Density, optimizer and temperature of the second stage of K seeds."""
 
     def __init__(
         self,
@@ -386,24 +373,13 @@ class SecondStage:
         self._rows = ScoredRows(config.effective_share, generators)  # of `weighted`
 
     def learn_density(self, batch: Batch, scale: float) -> Tensor:
-        """Moves the density to the data; returns its negative log-likelihood, [K].
-
-        Args:
-            batch: tensors [K, B, ...].
-            scale: factor on the learning rate.
-        """
+        """Moves the density to the data; returns its negative log-likelihood, [K]."""
         loss = self.density.gradient(batch.observations, batch.actions)
         self.density.descend(scale)
         return loss
 
     def update(self, batch: Batch, valuer: Valuer, scale: float) -> dict[str, Tensor]:
-        """Moves the actor; returns losses, each [K].
-
-        Args:
-            batch: tensors [K, B, ...].
-            valuer: of this batch.
-            scale: factor on the learning rate.
-        """
+        """Moves the actor; returns losses, each [K]."""
         moments = self.density.moments(batch.observations, batch.actions)
         if not self._slope.all():
             self._slope = self._measure_slope(moments, valuer)
