@@ -21,7 +21,8 @@ def inputs(n_seeds: int = 2, size: int = 5) -> tuple[Tensor, Tensor, Tensor]:
     """What critics see, and two joint actions."""
     g = torch.Generator().manual_seed(0)
     x = torch.randn(n_seeds, size, 4 + 3 * 2, generator=g)
-    return x, *(torch.rand(n_seeds, size, 3, 2, generator=g) for _ in range(2))
+    one, other = (torch.rand(n_seeds, size, 3, 2, generator=g) for _ in range(2))
+    return x, one, other
 
 
 @pytest.mark.parametrize("n_critics", [1, 2, 4])

@@ -50,7 +50,7 @@ def test_a_seed_has_the_bits_of_a_lone_one(n_seeds: int) -> None:
             network.gradient.copy_(gradient[rows])
             optimizer.descend()
         alone.append(torch.cat([network.flat, *list(optimizer.state_dict().values())[1:]]))
-    together = alone.pop(0).unflatten(0, (3, n_seeds))
+    together = alone.pop(0).view(3, n_seeds, -1)
     assert torch.equal(together, torch.stack(alone, 1))
 
 

@@ -9,7 +9,6 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import CheckpointError
-from swarmdata.hub.catalog.catalog import load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.policies.choice_policy import ChoicePolicy
@@ -18,25 +17,11 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.run_folder import load_run, read_run
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.learn.training.training_data import framed
-from swarmdata.perception.frames import Frame, find_frame
-from swarmdata.perception.observer import features_of
-from swarmdata.registry.components import make_task
+from swarmdata.perception.frames import Frame
 from swarmdata.types import Float
 from tests.learn.training.test_trainer import config_of
 from tests.offline_algos.toys import step_of
 from tests.support.memory_dataset import MemoryDataset
-
-
-@pytest.fixture(scope="module")
-def data(tiny: Path) -> Dataset:
-    return load(tiny)
-
-
-@pytest.fixture(scope="module")
-def frame(data: Dataset) -> Frame:
-    found = find_frame(features_of(make_task(data.task)), "target")
-    assert found is not None
-    return found
 
 
 def test_a_loop_of_ones_own_gets_the_batches_that_algorithms_learn_from(
