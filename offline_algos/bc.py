@@ -33,7 +33,7 @@ from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.trained import policy_of
-from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.learn.training.actor_critic import OfflineLearner
 from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.types import Batch
 
@@ -81,6 +81,7 @@ class BC(OfflineLearner):
             {"actor": self.actor.network}, setup.n_seeds, config.learning_rate,
             config.max_grad_norm, moments={"actor": "optimizer"},
         )  # fmt: skip
+        self.parts = (self.descent,)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns `bc_loss`, [K]."""
@@ -102,10 +103,6 @@ class BC(OfflineLearner):
 
     def policy(self, index: int) -> Policy:
         return policy_of(self.actor, index)
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return (self.descent,)
 
 
 def _make_actor(setup: Setup, config: BCConfig) -> StackedActor | RecurrentActor | ChoiceActor:

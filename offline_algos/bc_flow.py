@@ -33,7 +33,7 @@ from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
 from swarmdata.learn.policies.trained import flow_policy
-from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.learn.training.actor_critic import OfflineLearner
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.offline_algos.bc import CLONING_SPACE, CloningConfig
 from swarmdata.types import Batch
@@ -60,7 +60,7 @@ class BCFlow(OfflineLearner):
     def __init__(self, setup: Setup, config: BCFlowConfig) -> None:
         self.config = config
         self.copy = Distillation(setup, config, config.hidden, learning_rate=config.learning_rate)
-        self.generators = setup.generators()
+        self.parts, self.generators = (self.copy,), setup.generators()
         self.normalizer = Normalizer(setup.statistics, setup.device)
 
     def update(self, batch: Batch) -> dict[str, Any]:
@@ -79,7 +79,3 @@ class BCFlow(OfflineLearner):
 
     def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
         return flow_policy(self.copy.actor, index)
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return (self.copy,)

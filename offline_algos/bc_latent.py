@@ -28,7 +28,7 @@ from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.policies.drawn_policy import LatentPolicy
-from swarmdata.learn.training.actor_critic import OfflineLearner, Part
+from swarmdata.learn.training.actor_critic import OfflineLearner
 from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.offline_algos.bc import CLONING_SPACE, CloningConfig
 from swarmdata.types import Batch
@@ -84,6 +84,7 @@ class BCLatent(OfflineLearner):
             {"actor": config.learning_rate, "latents": config.latent_learning_rate},
             config.max_grad_norm,
         )  # fmt: skip
+        self.parts = (self.descent,)
         self.frame, self.standard = sizes.frame, Standardization.of(setup.statistics, setup.device)
 
     def latents(self) -> Tensor:
@@ -123,7 +124,3 @@ class BCLatent(OfflineLearner):
             observation_std=self.standard.std,
             frame=self.frame,
         )
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return (self.descent,)

@@ -103,9 +103,10 @@ class CFCQL(LossActorCritic):
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", *EXTRACTION_LOSSES)
     SPACE: ClassVar[Space] = CONSERVATIVE_SPACE
 
+    critics: RobotCritics
+
     def __init__(self, setup: Setup, config: ConservativeConfig) -> None:
-        super().__init__(setup, config)
-        self.critics: RobotCritics = robot_critics(setup, config, "centralized")
+        super().__init__(setup, config, robot_critics(setup, config, "centralized"))
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> RobotView:

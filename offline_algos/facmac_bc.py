@@ -43,7 +43,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
+from swarmdata.learn.networks.factored_critics import FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards
 from swarmdata.learn.networks.setup import Setup
@@ -85,14 +85,14 @@ class FACMACBC(LossActorCritic):
         "mixer": Choice(("monotonic", "free")),
     }
 
+    critics: FactoredCritics
+
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
-        super().__init__(setup, config)
-        sizes, seeds = setup.sizes, setup.seeds
-        mixer = chosen_mixer(config, sizes, seeds, MIXER_STREAM, setup.device, n_critics=2)
-        self.critics: FactoredCritics = FactoredCritics(
-            sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=setup.device,
+        critics = FactoredCritics(
+            setup, config.critic_hidden, chosen_mixer(config, setup),
+            learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
+        super().__init__(setup, config, critics)
         self.normalizer = Normalizer(setup.statistics, setup.device)
         self.rewards = RobotRewards(setup.statistics, "team", clip_target=config.clip_target)
 

@@ -69,7 +69,6 @@ from swarmdata.learn.training.actor_critic import (
     TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
-    Part,
     robot_critics,
 )
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
@@ -129,10 +128,7 @@ class IQL(OfflineLearner):
             {"actor": config.actor_learning_rate, "value": config.critic_learning_rate},
             config.max_grad_norm,
         )  # fmt: skip
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return self.descent, self.critics, self.rows
+        self.parts = (self.descent, self.critics, self.rows)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses, each [K]."""

@@ -38,7 +38,7 @@ from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import td_error, td_target
-from swarmdata.learn.training.actor_critic import TRANSITION, Part, robot_critics
+from swarmdata.learn.training.actor_critic import TRANSITION, robot_critics
 from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.numerics.event_costs import COSTS
 from swarmdata.offline_algos.iql import IQL, IQLConfig
@@ -81,10 +81,7 @@ class IQLCost(IQL):
             {"cost_value": self.cost_value}, setup.n_seeds, config.critic_learning_rate,
             config.max_grad_norm,
         )  # fmt: skip
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return *super().parts, self.cost_critics, self.cost_descent
+        self.parts = (*self.parts, self.cost_critics, self.cost_descent)
 
     def prefer(
         self, steps: Batch, x: RobotView, actions: Tensor, advantages: Tensor

@@ -69,7 +69,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.flows.one_step_actor import Distillation, FlowSettings, StudentView
-from swarmdata.learn.networks.factored_critics import MIXER_STREAM, FactoredCritics
+from swarmdata.learn.networks.factored_critics import FactoredCritics
 from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import (
     Normalizer,
@@ -94,7 +94,6 @@ from swarmdata.learn.training.actor_critic import (
     TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
-    Part,
 )
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
@@ -149,10 +148,8 @@ class Climb:
     """How far actors climb critics: the scales of K seeds, 0 until they are measured.
 
     Args:
-        n_seeds: K.
         inverse_temperature: eta; 0 does not climb.
         slope_limit: longest slope that pulls a robot, in units of s.
-        device: where the scales are.
     """
 
     def __init__(
@@ -225,16 +222,15 @@ class MACFlow(OfflineLearner):
         self.copy = Distillation(
             setup, config, config.actor_hidden, learning_rate=config.actor_learning_rate
         )
-        sizes, seeds = setup.sizes, setup.seeds
-        mixer = chosen_mixer(config, sizes, seeds, MIXER_STREAM, setup.device, n_critics=2)
         self.critics = FactoredCritics(
-            sizes, seeds, config.critic_hidden, mixer, learning_rate=config.critic_learning_rate,
-            max_norm=config.max_grad_norm, device=setup.device,
+            setup, config.critic_hidden, chosen_mixer(config, setup),
+            learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
         self.climb = Climb(
-            len(seeds), inverse_temperature=config.inverse_temperature,
+            setup.n_seeds, inverse_temperature=config.inverse_temperature,
             slope_limit=config.slope_limit, device=setup.device,
         )  # fmt: skip
+        self.parts = (self.copy, self.critics, self.climb)
         self.generators = setup.generators()
         self.normalizer = Normalizer(setup.statistics, setup.device)
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
@@ -344,7 +340,3 @@ class MACFlow(OfflineLearner):
 
     def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:
         return flow_policy(self.copy.actor, index)
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return self.copy, self.critics, self.climb

@@ -108,9 +108,10 @@ class MADDPGBC(TwoStageActorCritic):
         "critic": Choice(("centralized", "decentralized")),
     }
 
+    critics: RobotCritics
+
     def __init__(self, setup: Setup, config: MADDPGBCConfig) -> None:
-        super().__init__(setup, config)
-        self.critics: RobotCritics = robot_critics(setup, config, config.critic)
+        super().__init__(setup, config, robot_critics(setup, config, config.critic))
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> RobotView:

@@ -93,14 +93,16 @@ class OMAR(LossActorCritic):
         "rectification": Choice((0.1, 0.3, 0.7, 0.9)),
     }
 
+    critics: Critics
+
     def __init__(self, setup: Setup, config: OMARConfig) -> None:
-        super().__init__(setup, config)
         n_inputs = setup.sizes.observation + setup.sizes.n_agents + setup.sizes.action
-        self.critics: Critics = Critics(
+        critics = Critics(
             n_inputs, setup.seeds, config.critic_hidden,
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
             device=setup.device,
         )  # fmt: skip
+        super().__init__(setup, config, critics)
         self.normalizer = Normalizer(setup.statistics, setup.device)
         self.rewards = RobotRewards(setup.statistics, "own", clip_target=config.clip_target)
 

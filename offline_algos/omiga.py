@@ -40,7 +40,7 @@ from typing import Any, ClassVar
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.factored_critics import MIXER_STREAM, VALUE_STREAM, FactoredCritics
+from swarmdata.learn.networks.factored_critics import VALUE_STREAM, FactoredCritics
 from swarmdata.learn.networks.mixers import LinearMixer
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
@@ -61,7 +61,6 @@ from swarmdata.learn.training.actor_critic import (
     TRANSITION,
     ActorCriticConfig,
     OfflineLearner,
-    Part,
     squashed_actor,
 )
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
@@ -93,21 +92,18 @@ class OMIGA(OfflineLearner):
     def __init__(self, setup: Setup, config: OMIGAConfig) -> None:
         self.config, self.generators = config, setup.generators()
         self.rows = ScoredRows(config.effective_share, self.generators)
-        sizes, seeds, norm = setup.sizes, setup.seeds, config.max_grad_norm
+        sizes, norm = setup.sizes, config.max_grad_norm
         self.actor = squashed_actor(setup, config)
-        self.mixer = LinearMixer(
-            sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
-            hidden=config.mixer_hidden, device=setup.device,
-        )  # fmt: skip
+        self.mixer = LinearMixer(setup, config.mixer_hidden)
         self.critics = FactoredCritics(
-            sizes, seeds, config.critic_hidden, self.mixer,
+            setup, config.critic_hidden, self.mixer,
             learning_rate=config.critic_learning_rate, max_norm=norm, n_critics=1,
-            device=setup.device,
         )  # fmt: skip
         shape = MLPShape(sizes.observation, config.critic_hidden, 1, layer_norm=True)
         self.values = Team(
-            shape, sizes.n_agents, seeds, VALUE_STREAM, parameters="shared", device=setup.device
-        )
+            shape, sizes.n_agents, setup.seeds, VALUE_STREAM,
+            parameters="shared", device=setup.device,
+        )  # fmt: skip
         self.descent = Descent(
             {"actor": self.actor.network, "values": self.values.network}, setup.n_seeds,
             {"actor": config.actor_learning_rate, "values": config.critic_learning_rate}, norm,
@@ -116,10 +112,7 @@ class OMIGA(OfflineLearner):
         self.target_values: StackedMLP = self.descent.targets["values"]
         self.normalizer = Normalizer(setup.statistics, setup.device)
         self.rewards = RobotRewards(setup.statistics, "team")
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return self.descent, self.critics, self.rows
+        self.parts = (self.descent, self.critics, self.rows)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses, each [K]."""

@@ -55,7 +55,7 @@ from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initializ
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import batch_weights, standard_advantages
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
-from swarmdata.learn.training.actor_critic import TRANSITION, OfflineLearner, Part
+from swarmdata.learn.training.actor_critic import TRANSITION, OfflineLearner
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
@@ -106,10 +106,7 @@ class Oryx(OfflineLearner):
             {"actor": config.learning_rate, "value": config.value_learning_rate},
             config.max_grad_norm, followed=("value",),
         )  # fmt: skip
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return (self.descent,)
+        self.parts = (self.descent,)
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step of both on windows, tensors [K, B, L, ...]; returns losses, each [K].

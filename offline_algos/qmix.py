@@ -10,7 +10,7 @@ names the sources:
     y     = r + gamma (1 - termination) min(1/2 sum_j Q'_j(x', a'), R*)       valued by the targets
     L_td  = sum_j Huber(Q_j(x, a) - y),                           plus L_b or L_cql of `vdn`
 
-f is `mixers.MonotonicMixer`, and x = (state, all observations), normalized. The algorithm without
+f is `mixers.HyperMixer`, and x = (state, all observations), normalized. The algorithm without
 what it is named after, the mixing network, is `vdn`.
 
 Deviations: those of `offline_algos.vdn` but the first, and
@@ -31,7 +31,7 @@ from swarmdata.learn.choices.utility_networks import (
     DecompositionConfig,
     by_critic,
 )
-from swarmdata.learn.networks.mixers import MonotonicMixer
+from swarmdata.learn.networks.mixers import HyperMixer
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.offline_algos.vdn import VDN
@@ -52,7 +52,7 @@ class QMIX(VDN):
     FIELDS = VDN.FIELDS
 
     def __init__(self, setup: Setup, config: QMIXConfig) -> None:
-        self.mixer = MonotonicMixer(
+        self.mixer = HyperMixer(
             setup.sizes.n_agents, setup.sizes.information, setup.seeds, MIXER_STREAM,
             embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
             n_critics=N_CRITICS,

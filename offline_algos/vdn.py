@@ -72,11 +72,7 @@ from swarmdata.learn.objectives.losses import (
 )
 from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
 from swarmdata.learn.policies.trained import utility_policy
-from swarmdata.learn.training.actor_critic import (
-    TRANSITION,
-    OfflineLearner,
-    Part,
-)
+from swarmdata.learn.training.actor_critic import TRANSITION, OfflineLearner
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
@@ -115,6 +111,7 @@ class VDN(OfflineLearner):
     ) -> None:
         self.config = config
         self.networks = UtilityNetworks(setup, config, mixer)
+        self.parts = (self.networks,)
 
     def update(self, batch: Batch) -> dict[str, Tensor]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses [K].
@@ -187,7 +184,3 @@ class VDN(OfflineLearner):
 
     def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:
         return utility_policy(self.networks, index)
-
-    @property
-    def parts(self) -> tuple[Part, ...]:
-        return (self.networks,)

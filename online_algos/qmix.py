@@ -9,7 +9,7 @@ learning", ICML 2018, equations 5 and 6, over choices among bins of each action 
     y     = r + gamma (1 - termination) Q'_tot(x', u')              valued by the targets
     L     = Huber(Q_tot(x, u) - y)
 
-Q_i is the mean over action dimensions, f is `mixers.MonotonicMixer`, and x = (state, all
+Q_i is the mean over action dimensions, f is `mixers.HyperMixer`, and x = (state, all
 observations). Without the mixing network it is `online_algos.vdn`.
 
 Deviations:
@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
-from swarmdata.learn.networks.mixers import MonotonicMixer
+from swarmdata.learn.networks.mixers import HyperMixer
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.online_algos.vdn import MIXER_STREAM, VDN, VDNConfig, VDNLearner
@@ -46,7 +46,7 @@ class QMIXLearner(VDNLearner):
     """K seeds of utility networks and a mixer, trained on batches of bins."""
 
     def __init__(self, sizes: Sizes, seeds: Sequence[int], config: QMIXConfig) -> None:
-        self.mixer = MonotonicMixer(
+        self.mixer = HyperMixer(
             sizes.n_agents, sizes.information, seeds, MIXER_STREAM,
             embedding=config.mixer_embedding, hidden=config.mixer_hidden, device="cpu",
             n_critics=config.n_critics,

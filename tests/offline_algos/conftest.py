@@ -1,5 +1,7 @@
 """A tiny task: 2 point robots on a line segment each, one step from optimal actions."""
 
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,8 @@ from tests.support.made_episodes import made_episode
 from tests.support.memory_dataset import MemoryDataset
 
 N_AGENTS, LENGTH = 2, 12
+
+collect_ignore_glob = ["test_*.py"] if find_spec("torch") is None else []
 
 
 def play(rng: np.random.Generator, good: bool, cut: bool) -> Episode:

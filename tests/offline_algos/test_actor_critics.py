@@ -4,23 +4,21 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.critics import RobotView  # noqa: E402
-from swarmdata.learn.training.actor_critic import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.critics import RobotView
+from swarmdata.learn.training.actor_critic import (
     Extraction,
     ExtractionConfig,
     Valuer,
     scale_and_stage,
 )
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
-from tests.support.pairs import once_each  # noqa: E402
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.types import Batch
+from tests.offline_algos.toys import made, random_batch, two_episodes
+from tests.support.pairs import once_each
 
 KINDS: dict[str, Any] = {
     name: resolve("algorithm", OFFLINE_ALGORITHMS, name)

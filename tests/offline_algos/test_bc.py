@@ -7,16 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.conftest import drive  # noqa: E402
-from tests.offline_algos.toys import actions_of, batches, share_by_the_sign, sign_at_the_start  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.setup import Setup, Sizes
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.bc import BC, BCConfig
+from swarmdata.types import Batch
+from tests.offline_algos.conftest import drive
+from tests.offline_algos.toys import actions_of, batches, share_by_the_sign, sign_at_the_start
+from tests.support.memory_dataset import MemoryDataset
 
 
 def made(dataset: MemoryDataset, n_seeds: int, **changes: Any) -> tuple[BC, list[Batch]]:

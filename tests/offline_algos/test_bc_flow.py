@@ -4,18 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.objectives.losses import cloning_loss  # noqa: E402
-from swarmdata.offline_algos.bc import BC  # noqa: E402
-from swarmdata.offline_algos.bc_flow import BCFlow  # noqa: E402
-from swarmdata.types import Batch, Bool, Float  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, same_side, step_of, trained  # noqa: E402
-from tests.support.made_episodes import made_episode  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.learn.objectives.losses import cloning_loss
+from swarmdata.offline_algos.bc import BC
+from swarmdata.offline_algos.bc_flow import BCFlow
+from swarmdata.types import Batch, Bool, Float
+from tests.offline_algos.toys import made, random_batch, same_side, step_of, trained
+from tests.support.made_episodes import made_episode
+from tests.support.memory_dataset import MemoryDataset
 
 COPIES = 300
 FLOW: dict[str, Any] = {"flow_hidden": (64, 64), "noise_scale": 1.0}

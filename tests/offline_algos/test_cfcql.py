@@ -3,14 +3,12 @@
 import math
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.critics import RobotView  # noqa: E402
-from swarmdata.offline_algos.cfcql import CFCQL  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
+from swarmdata.learn.networks.critics import RobotView
+from swarmdata.offline_algos.cfcql import CFCQL
+from tests.offline_algos.toys import made, random_batch, set_bias
 
 
 def test_only_one_robot_leaves_the_data(monkeypatch: pytest.MonkeyPatch) -> None:

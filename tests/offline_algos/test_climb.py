@@ -1,13 +1,11 @@
 """How far students climb: measured scales, the bounded pull, and what a copy survives."""
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.objectives.losses import anchored_loss  # noqa: E402
-from swarmdata.offline_algos.mac_flow import Climb  # noqa: E402
+from swarmdata.learn.objectives.losses import anchored_loss
+from swarmdata.offline_algos.mac_flow import Climb
 
 K, B, N, M, A = 2, 200, 3, 4, 2
 SLOPES = torch.tensor([0.5, 20.0])  # of the values of each seed

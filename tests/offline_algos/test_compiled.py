@@ -3,14 +3,13 @@
 from typing import Any
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="compiling needs torch")
-
-from swarmdata.learn.networks.compilation import compiling, has_compilable  # noqa: E402
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from swarmdata.testing.sample_batches import sample_batch as draw  # noqa: E402
-from swarmdata.testing.sample_batches import sample_setup  # noqa: E402
-from tests.contract.test_algorithms import SMALL  # noqa: E402
+from swarmdata.learn.networks.compilation import compiling, has_compilable
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.testing.sample_batches import sample_batch as draw
+from swarmdata.testing.sample_batches import sample_setup
+from tests.contract.test_algorithms import SMALL
 
 pytestmark = pytest.mark.slow
 

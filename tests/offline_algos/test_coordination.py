@@ -4,8 +4,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("torch", reason="algorithms need torch")
-
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.evaluation.runs.train import train
 from swarmdata.hub.catalog.catalog import load

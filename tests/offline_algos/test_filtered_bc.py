@@ -2,19 +2,18 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
-from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig  # noqa: E402
-from tests.offline_algos.conftest import drive  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.training.run_folder import load_run, read_run
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.bc import BC, BCConfig
+from swarmdata.offline_algos.filtered_bc import FilteredBC, FilteredBCConfig
+from tests.offline_algos.conftest import drive
+from tests.support.memory_dataset import MemoryDataset
 
 
 @pytest.mark.parametrize(
@@ -30,15 +29,16 @@ def test_the_number_kept_by_hand(n: int, fraction: float, floor: int, n_kept: in
     assert config.least_return(returns) == n - n_kept
 
 
-def test_a_floor_of_no_episodes_is_refused() -> None:
-    with pytest.raises(SchemaError, match="min_episodes is 0"):
-        FilteredBCConfig(min_episodes=0)
-
-
-@pytest.mark.parametrize("fraction", [0.0, -0.1, 1.1, float("nan")])
-def test_a_fraction_of_nothing_or_of_more_than_all_is_refused(fraction: float) -> None:
-    with pytest.raises(SchemaError, match="above 0 and at most 1"):
-        FilteredBCConfig(fraction=fraction)
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        *(({"fraction": f}, "above 0 and at most 1") for f in (0.0, -0.1, 1.1, np.nan)),
+        ({"min_episodes": 0}, "min_episodes is 0"),
+    ],
+)
+def test_settings_out_of_range_are_refused(settings: dict[str, Any], expected: str) -> None:
+    with pytest.raises(SchemaError, match=expected):
+        FilteredBCConfig(**settings)
 
 
 def test_there_must_be_episodes() -> None:

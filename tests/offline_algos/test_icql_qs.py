@@ -5,19 +5,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.critics import RobotView  # noqa: E402
-from swarmdata.offline_algos.icql_qs import ICQLQS  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.critics import RobotView
+from swarmdata.offline_algos.icql_qs import ICQLQS
+from swarmdata.types import Batch
+from tests.offline_algos.toys import made, random_batch, two_episodes
+from tests.support.memory_dataset import MemoryDataset
 
 
 def targets_actions(algorithm: Any, batch: Batch) -> tuple[Tensor, Tensor]:

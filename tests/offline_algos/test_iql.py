@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.critics import RobotView  # noqa: E402
-from swarmdata.offline_algos.iql import IQL  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, trained, two_episodes  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.learn.networks.critics import RobotView
+from swarmdata.offline_algos.iql import IQL
+from swarmdata.types import Batch
+from tests.offline_algos.toys import made, random_batch, trained, two_episodes
+from tests.support.memory_dataset import MemoryDataset
 
 
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:

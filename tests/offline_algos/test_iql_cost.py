@@ -6,17 +6,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.iql import IQL  # noqa: E402
-from swarmdata.offline_algos.iql_cost import IQLCost, IQLCostConfig  # noqa: E402
-from swarmdata.types import EVENTS, Episode  # noqa: E402
-from tests.offline_algos.toys import actions_of, made, random_batch, trained  # noqa: E402
-from tests.support.made_episodes import made_episode  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.iql import IQL
+from swarmdata.offline_algos.iql_cost import IQLCost, IQLCostConfig
+from swarmdata.types import EVENTS, Episode
+from tests.offline_algos.toys import actions_of, made, random_batch, trained
+from tests.support.made_episodes import made_episode
+from tests.support.memory_dataset import MemoryDataset
 
 
 def risky_or_safe(n_episodes: int = 100, length: int = 10) -> Iterator[Episode]:

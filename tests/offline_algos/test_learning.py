@@ -4,11 +4,9 @@ from typing import Any
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from tests.offline_algos.toys import progress_of, step_of, trained  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from tests.offline_algos.toys import progress_of, step_of, trained
+from tests.support.memory_dataset import MemoryDataset
 
 pytestmark = pytest.mark.learns
 

@@ -5,17 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import Reward  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow, MACFlowConfig  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import Reward
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow, MACFlowConfig
+from swarmdata.types import Batch
+from tests.offline_algos.toys import (
     made,
     random_batch,
     set_bias,
@@ -171,20 +169,20 @@ def test_in_the_second_stage_actors_climb_what_stands_still() -> None:
     assert moved[2] == moved[3] == ({"actor"}, copied | {"policy_q", "lambda"})
 
 
-def test_actors_need_updates_of_their_own() -> None:
-    for share in (-0.1, 1.0, float("nan")):
-        with pytest.raises(SchemaError, match="a part of the updates"):
-            MACFlowConfig(critic_share=share)
+@pytest.mark.parametrize(
+    ("settings", "expected"),
+    [
+        *(({"critic_share": share}, "a part of the updates") for share in (-0.1, 1.0, np.nan)),
+        ({"policy_network": "deep_sets"}, "expected 'mlp'"),
+        ({"mixer": "free"}, "expected reward 'team'"),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], expected: str) -> None:
+    with pytest.raises(SchemaError, match=expected):
+        MACFlowConfig(**settings)
 
 
-def test_networks_over_sets_are_refused() -> None:
-    with pytest.raises(SchemaError, match="expected 'mlp'"):
-        MACFlowConfig(policy_network="deep_sets")
-
-
-def test_own_rewards_are_not_mixed() -> None:
-    with pytest.raises(SchemaError, match="expected reward 'team'"):
-        MACFlowConfig(mixer="free")
+def test_an_unknown_mixer_is_refused() -> None:
     with pytest.raises(KeyError, match="linear"):
         made(MACFlow, mixer="linear", reward="team")
 

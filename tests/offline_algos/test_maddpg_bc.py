@@ -3,12 +3,10 @@
 from dataclasses import replace
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-
-from swarmdata.offline_algos.maddpg_bc import MADDPGBC  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
+from swarmdata.offline_algos.maddpg_bc import MADDPGBC
+from tests.offline_algos.toys import made, random_batch, set_bias
 
 
 @pytest.mark.parametrize("critic", ["centralized", "decentralized"])

@@ -1,15 +1,13 @@
 """OMAR: critics of one agent each, the search for the best action, and that it beats its data."""
 
 import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
-from torch import Tensor  # noqa: E402
-
-from swarmdata.offline_algos.omar import OMAR, by_agent  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, set_bias  # noqa: E402
+from swarmdata.offline_algos.omar import OMAR, by_agent
+from tests.offline_algos.toys import made, random_batch, set_bias
 
 
 def test_a_critic_sees_one_agents_observation_and_number() -> None:

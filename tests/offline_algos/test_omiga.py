@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.offline_algos.omiga import OMIGA  # noqa: E402
-from tests.offline_algos.toys import made, random_batch, two_episodes  # noqa: E402
+from swarmdata.offline_algos.omiga import OMIGA
+from tests.offline_algos.toys import made, random_batch, two_episodes
 
 
 def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> None:

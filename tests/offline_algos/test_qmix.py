@@ -1,13 +1,12 @@
 """Offline VDN and QMIX: their mixing, overestimation on narrow data, and what stops it."""
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.offline_algos.qmix import QMIX  # noqa: E402
-from swarmdata.offline_algos.vdn import VDN  # noqa: E402
-from tests.offline_algos.toys import actions_of, made, progress_of, random_batch, trained  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.offline_algos.qmix import QMIX
+from swarmdata.offline_algos.vdn import VDN
+from tests.offline_algos.toys import actions_of, made, progress_of, random_batch, trained
+from tests.support.memory_dataset import MemoryDataset
 
 
 def test_without_a_mixer_the_team_is_worth_the_mean_of_its_robots(mixture: MemoryDataset) -> None:

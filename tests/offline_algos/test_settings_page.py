@@ -7,8 +7,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("torch", reason="algorithms need torch")
-
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 
 PAGE = Path(__file__).parents[2] / "docs/settings.md"

@@ -33,9 +33,6 @@ class ChoiceActor:
         encoded_sizes: the same, with actions as `encode` gives them.
 
     Args:
-        setup: sizes, seeds and the dataset's statistics.
-        hidden: sizes of the hidden layers.
-        settings: of the memory.
         policy_network: only `mlp`.
 
     Raises:

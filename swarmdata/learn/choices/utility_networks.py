@@ -70,8 +70,6 @@ class TeamMemory:
     """Gated units of K seeds: one that all robots of a seed share, or one for each robot.
 
     Args:
-        setup: sizes and seeds.
-        settings: of the memory.
         stream: separates the draws of different networks of one seed.
         parameters: whether robots share one unit, which sees their number.
     """
@@ -126,8 +124,6 @@ class UtilityNetworks:
     memory beside the present observation. The targets see that of a target copy.
 
     Args:
-        setup: sizes, seeds and the dataset's statistics.
-        config: settings.
         mixer: networks of a mixer to train along; None if nothing of it is learned.
     """
 

@@ -18,7 +18,6 @@ class OnnxPolicy:
 
     Args:
         path: of the file, which must hold all its weights.
-        spec: of the task.
 
     Raises:
         CheckpointError: it is no network of ONNX, or has other inputs or outputs.

@@ -138,7 +138,6 @@ class FittedQ:
     Args:
         train: the transitions to fit, and the policies' actions there.
         scale: what rewards and values are divided by inside.
-        config: settings.
     """
 
     def __init__(self, train: Answered, scale: float, config: FQEConfig) -> None:

@@ -26,8 +26,6 @@ The price is that a spread much smaller than the noise is not copied: it shows i
 only, where e gains little by it. Modes far apart stay apart.
 """
 
-from collections.abc import Sequence
-
 import torch
 from torch import Tensor
 
@@ -42,7 +40,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp_of_branches,
     mlp_of_products,
 )
-from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.setup import Setup
 
 FLOW_STREAM = 4
 """Of a seed's initial parameters, beside those of `networks.actor` and `networks.factored_critics`.
@@ -53,35 +51,26 @@ class JointFlow:
     """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends.
 
     Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, at least one.
         n_steps: of Euler's method.
-        device: where the parameters are.
 
     Raises:
         SchemaError: there is no hidden layer, or no step.
     """
 
-    def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        hidden: tuple[int, ...],
-        n_steps: int,
-        device: torch.device | str,
-    ) -> None:
+    def __init__(self, setup: Setup, hidden: tuple[int, ...], n_steps: int) -> None:
         if not hidden or n_steps < 1:
             raise SchemaError(
                 f"a flow got hidden layers {hidden} and {n_steps} steps, expected at least one of "
                 "each: without a hidden layer its velocity is linear, and all modes become one."
             )
-        self.sizes, self.n_steps = sizes, n_steps
+        self.n_steps = n_steps
+        self.sizes = sizes = setup.sizes
         self._n_team = sizes.information + sizes.n_agents * sizes.action + 1
         n_own = sizes.observation + sizes.n_agents + sizes.action
         shape = MLPShape(self._n_team + n_own, hidden, sizes.action)
-        self.network = StackedMLP(shape, len(seeds), device)
-        initialize(self.network, seeds, FLOW_STREAM)
+        self.network = StackedMLP(shape, setup.n_seeds, setup.device)
+        initialize(self.network, setup.seeds, FLOW_STREAM)
 
     def loss(self, x: Tensor, actions: Tensor, noise: Tensor, times: Tensor) -> Tensor:
         """Returns L(e), the mean over rows, [K].

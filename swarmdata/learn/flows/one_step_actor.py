@@ -82,11 +82,6 @@ class OneStepActor:
     A robot's memory is that of a gated recurrent unit which sees its normalized observations and
     its number, as in `memory.recurrent_actor`; it is empty when an episode begins. Noise does not
     enter it: it is new in every step, and what it did is seen in the robot's motion.
-
-    Args:
-        setup: sizes, seeds, the moments of observations, and where the parameters are.
-        config: of the noise, whose scale and redrawing count only when policies act; of the memory.
-        hidden: sizes of the hidden layers.
     """
 
     def __init__(self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...]) -> None:
@@ -153,20 +148,12 @@ class Distillation:
     Given c and z, the mean of T is F(c, z) plus what the mean of the flow lacks of that of the
     data. The price is noise in the targets, twice the spread of the data, and where the flow weighs
     modes otherwise than the data do, all of them move by the difference of the means.
-
-    Args:
-        setup: sizes, seeds and the moments of observations.
-        config: of the flow, and of what the actors know of noise and of the past.
-        hidden: sizes of the actors' hidden layers.
-        learning_rate: of the actors.
     """
 
     def __init__(
         self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...], *, learning_rate: float
     ) -> None:
-        self.flow = JointFlow(
-            setup.sizes, setup.seeds, config.flow_hidden, config.n_flow_steps, setup.device
-        )
+        self.flow = JointFlow(setup, config.flow_hidden, config.n_flow_steps)
         self.actor = OneStepActor(setup, config, hidden)
         self._debiased = config.debiased
         self._descent = Descent(

@@ -60,15 +60,6 @@ class StackedGates(StackedLayers):
 
     shape: GatedShape
 
-    def remember(self, inputs: Tensor, starts: Tensor) -> Tensor:
-        """Returns the memories after each step, [R, T, B, M].
-
-        Args:
-            inputs: [R, T, B, F].
-            starts: whether the memory is empty before a step, bool [R, T, B].
-        """
-        return memories(self.layers, inputs, starts)
-
     def read(self, inputs: Tensor, memory: Tensor) -> Tensor:
         """Returns the reader's outputs, [R, B, outputs], of inputs [R, B, F] and [R, B, M]."""
         return read(self.layers, inputs, memory)

@@ -26,9 +26,6 @@ class RecurrentActor:
     """Maps all normalized observations of an episode so far, and the agent's number, to actions.
 
     Args:
-        setup: sizes, seeds and the dataset's statistics.
-        hidden: sizes of the hidden layers.
-        settings: of the memory.
         squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
     """
 
@@ -82,7 +79,4 @@ def make_actor(
                 "a memory. Set memory none or policy_network mlp."
             )
         return RecurrentActor(setup, tuple(hidden), settings, squash=squash)
-    return StackedActor(
-        setup.sizes, setup.seeds, tuple(hidden), setup.statistics,
-        squash=squash, device=setup.device, policy_network=policy_network,
-    )  # fmt: skip
+    return StackedActor(setup, tuple(hidden), squash=squash, policy_network=policy_network)

@@ -13,7 +13,7 @@ from dataclasses import fields
 import torch
 from torch import Tensor
 
-from swarmdata.learn.memory.gated_networks import StackedGates, next_memory
+from swarmdata.learn.memory.gated_networks import StackedGates, memories, next_memory
 from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows, to_rows
 from swarmdata.types import Batch
@@ -74,7 +74,8 @@ def remembered(
     starts = torch.ones_like(mask)
     starts[:, :, 1:] = ~mask[:, :, :-1]
     starts = starts[..., None].expand(*mask.shape, features.shape[3])
-    history = network.remember(_by_time(seen, parameters), _by_time(starts, parameters))
+    by_time = _by_time(seen, parameters), _by_time(starts, parameters)
+    history = memories(network.layers, *by_time)
     k, b, length, n = features.shape[:4]
     joined = from_rows(history.transpose(1, 2).flatten(2), (k, b, n), parameters)
     return joined.reshape(k, b, n, length, -1).transpose(2, 3)

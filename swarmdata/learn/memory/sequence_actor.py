@@ -58,12 +58,7 @@ class SequenceSettings(WindowSettings):
 
 
 class SequenceActor:
-    """Maps all observations of an episode so far, and the actions of robots before, to mixtures.
-
-    Args:
-        setup: sizes, seeds and the dataset's statistics.
-        settings: of the networks.
-    """
+    """Maps all observations of an episode so far, and the actions of robots before, to mixtures."""
 
     def __init__(self, setup: Setup, settings: SequenceSettings) -> None:
         sizes = setup.sizes

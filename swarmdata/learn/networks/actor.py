@@ -7,12 +7,11 @@ from typing import Literal
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.set_networks import SetShape, StackedSets
-from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.setup import Setup
 from swarmdata.perception.feature_slots import slots_of
 from swarmdata.types import Batch
 
@@ -28,12 +27,7 @@ class StackedActor:
     """Maps normalized observations to actions; perceptrons see the agent's number too.
 
     Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
-        hidden: sizes of the hidden layers.
-        statistics: of the dataset, to normalize observations.
         squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
-        device: where the parameters are.
         policy_network: `deep_sets` reads the slots of an observation as sets (`set_networks`).
 
     Raises:
@@ -42,26 +36,24 @@ class StackedActor:
 
     def __init__(
         self,
-        sizes: Sizes,
-        seeds: Sequence[int],
+        setup: Setup,
         hidden: tuple[int, ...],
-        statistics: Statistics,
         *,
         squash: bool,
-        device: torch.device | str,
         policy_network: PolicyNetwork = "mlp",
     ) -> None:
         self.network: StackedMLP | StackedSets
-        mean, std = statistics.observation_mean, statistics.observation_std
+        sizes, n_seeds, device = setup.sizes, setup.n_seeds, setup.device
+        mean, std = setup.statistics.observation_mean, setup.statistics.observation_std
         if policy_network == "deep_sets":
             slots = slots_of(sizes.features, sizes.frame)
             self.field_moments = slots.moments(mean, std)
             mean, std = slots.normalizing(*self.field_moments)
-            self.network = StackedSets(SetShape(slots, hidden, sizes.action), len(seeds), device)
+            self.network = StackedSets(SetShape(slots, hidden, sizes.action), n_seeds, device)
         else:
             shape = MLPShape(sizes.observation + sizes.n_agents, hidden, sizes.action)
-            self.network = StackedMLP(shape, len(seeds), device)
-        initialize(self.network, seeds, ACTOR_STREAM)
+            self.network = StackedMLP(shape, n_seeds, device)
+        initialize(self.network, setup.seeds, ACTOR_STREAM)
         self.squash, self.sizes = squash, sizes
         self.standard = Standardization(mean, std, device)
 
@@ -101,9 +93,6 @@ class DelayedActor(Descent):
 
     Args:
         online: the policies; their outputs pass through tanh.
-        n_seeds: number of seeds, K.
-        learning_rate: of Adam.
-        max_norm: largest norm of one seed's gradient; None does not clip.
     """
 
     def __init__(
@@ -152,10 +141,7 @@ class BehaviorDensity(Descent):
 
     Args:
         actor: whose inputs and kind of network the density shares.
-        seeds: of the initial parameters, [K].
         floor: least deviation; without one, a certain density forbids every improvement.
-        learning_rate: of Adam.
-        max_norm: largest norm of one seed's gradient; None does not clip.
     """
 
     def __init__(

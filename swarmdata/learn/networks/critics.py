@@ -57,7 +57,6 @@ class CriticEnsemble(Descent):
 
     Args:
         n_inputs: features that a critic sees, actions included.
-        seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
         **options: the rest.
     """
@@ -177,10 +176,7 @@ class RobotViews:
     """Makes views of batches for critics of one kind.
 
     Args:
-        sizes: numbers of robots and features.
-        normalizer: of observations and states.
         critic: whether critics see the team.
-        device: where batches are.
     """
 
     def __init__(
@@ -276,11 +272,8 @@ class RobotCritics(CriticEnsemble):
     """Values of joint actions for each robot, [K, J, B, N], with slow copies and an optimizer.
 
     Args:
-        sizes: numbers of robots and features.
-        normalizer: of observations and states.
         critic: `centralized` critics see the state and all actions, `decentralized` ones their
             robot's observation and action.
-        seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers, which have LayerNorm.
         **options: the rest.
     """

@@ -7,56 +7,52 @@ is one of `learn.networks.mixers` and sees x = (state, all observations), for th
 that `network_inputs.information` gives.
 """
 
-from collections.abc import Sequence
 from functools import partial
-from typing import Unpack
 
 import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import CRITIC_STREAM
-from swarmdata.learn.networks.critics import CriticOptions
 from swarmdata.learn.networks.mixers import Mixer
 from swarmdata.learn.networks.network_inputs import information, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.networks.setup import Setup
 
-MIXER_STREAM, VALUE_STREAM = 2, 3
-"""Streams of a seed's initial parameters, beside those of `learn.networks.actor`."""
+VALUE_STREAM = 3
+"""Stream of a seed's initial parameters, beside those of `actor` and `mixers`."""
 
 
 class FactoredCritics(Descent):
     """J factored critics of each of K seeds, their targets, and their optimizers.
 
     Args:
-        sizes: numbers of agents and features.
-        seeds: of the initial parameters, [K].
         hidden: sizes of the hidden layers of Q_i, which have LayerNorm.
         mixer: of K J networks, rows as `utilities` has them.
-        **options: the rest; `max_norm` is of one seed's Q_i, and of its mixers.
+        max_norm: of the gradient of one seed's Q_i, and of its mixers; None does not clip.
+        n_critics: J.
     """
 
     def __init__(
         self,
-        sizes: Sizes,
-        seeds: Sequence[int],
+        setup: Setup,
         hidden: tuple[int, ...],
         mixer: Mixer,
-        **options: Unpack[CriticOptions],
+        *,
+        learning_rate: float,
+        max_norm: float | None,
+        n_critics: int = 2,
     ) -> None:
-        self.n_critics, self.mixer = options.get("n_critics", 2), mixer
+        self.n_critics, self.mixer, sizes = n_critics, mixer, setup.sizes
         inputs = sizes.observation + sizes.action + sizes.n_agents
         shape = MLPShape(inputs, hidden, 1, layer_norm=True)
         # the networks Q_i: rows are seed 0 critic 0, seed 0 critic 1, seed 1 critic 0, ...
-        device = options.get("device", "cpu")
-        self.utilities = StackedMLP(shape, self.n_critics * len(seeds), device)
-        initialize(self.utilities, seeds, CRITIC_STREAM)
+        self.utilities = StackedMLP(shape, n_critics * setup.n_seeds, setup.device)
+        initialize(self.utilities, setup.seeds, CRITIC_STREAM)
         networks = {"utilities": self.utilities}
         if mixer.network is not None:
             networks["mixer"] = mixer.network
-        rate, max_norm = options["learning_rate"], options["max_norm"]
-        super().__init__(networks, len(seeds), rate, max_norm, followed=networks)
+        super().__init__(networks, setup.n_seeds, learning_rate, max_norm, followed=networks)
         self.target_utilities: StackedMLP = self.targets["utilities"]
         self.target_mixer: StackedMLP | None = self.targets.get("mixer")  # if it learns
 

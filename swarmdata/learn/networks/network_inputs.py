@@ -23,7 +23,6 @@ class Standardization:
     Args:
         mean: of the features, [F].
         std: likewise.
-        device: where batches are.
     """
 
     def __init__(self, mean: Double, std: Double, device: torch.device | str) -> None:
@@ -130,7 +129,6 @@ class RobotRewards:
     what they do themselves.
 
     Args:
-        statistics: of the dataset.
         reward: whose.
         clip_target: whether R* bounds values.
     """

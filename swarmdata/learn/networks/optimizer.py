@@ -18,8 +18,6 @@ class StackedAdam:
 
     Args:
         network: what to train; its rows are grouped by seed.
-        n_seeds: number of groups, K.
-        learning_rate: Adam's alpha.
         max_norm: largest norm of one seed's gradient; None does not clip.
     """
 
@@ -122,7 +120,6 @@ class Descent:
 
     Args:
         networks: `StackedLayers` of any kinds, by name; the rows of each are grouped by seed.
-        n_seeds: number of groups, K.
         learning_rate: Adam's alpha, of all or by name.
         max_norm: largest norm of one seed's gradient in one kind of network; None does not clip.
         followed: names of those that have a target copy.

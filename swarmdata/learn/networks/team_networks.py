@@ -23,7 +23,6 @@ class Team:
         stream: separates the draws of different networks of one seed.
         parameters: `shared` networks see a one-hot robot number; of `separate` ones, rows are
             seed 0 robot 0, seed 0 robot 1, ...
-        device: where the parameters are.
         n_critics: teams of each seed, J, with parameters of their own, which are neighbors; K is
             then J times the number of seeds below.
     """

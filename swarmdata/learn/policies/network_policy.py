@@ -25,7 +25,6 @@ class NetworkPolicy:
     latents), given its draw.
 
     Args:
-        spec: the task.
         checkpoint: name of a file in the dataset's `checkpoints`, or the path of any other file
             that `policy_file.save_policy` wrote.
         sha256: of that file, hex.

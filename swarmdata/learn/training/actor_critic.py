@@ -165,12 +165,9 @@ class OfflineLearner(ABC):
     config: Any  # settings, with `n_updates` and `final_learning_rate_factor`
     generators: Sequence[torch.Generator] = ()
     """Of the noise of training, one per seed; empty if there is none."""
+    parts: Sequence[Part]
+    """All that has parameters; entries of their states have different names."""
     n_updates = 0
-
-    @property
-    @abstractmethod
-    def parts(self) -> Sequence[Part]:
-        """All that has parameters; entries of their states have different names."""
 
     @property
     def scale(self) -> float:
@@ -228,17 +225,12 @@ def robot_valuer(
 
 
 class TwoStageActorCritic(OfflineLearner):
-    """Critics, and actors that move less often; the losses are in the files of the algorithms.
-
-    Args:
-        setup: sizes, seeds and the dataset's statistics.
-        config: settings.
-    """
+    """Critics, and actors that move less often; the losses are in the files of the algorithms."""
 
     critics: Critics
 
-    def __init__(self, setup: Setup, config: TwoStageConfig) -> None:
-        self.config = config
+    def __init__(self, setup: Setup, config: TwoStageConfig, critics: Critics) -> None:
+        self.config, self.critics = config, critics
         self.actor = DelayedActor(
             squashed_actor(setup, config), setup.n_seeds,
             learning_rate=config.actor_learning_rate, max_norm=config.max_grad_norm,
@@ -247,11 +239,8 @@ class TwoStageActorCritic(OfflineLearner):
         self.second_stage = None
         if config.extraction != "joint":
             self.second_stage = SecondStage(self.actor, setup, self.generators, config)
-
-    @property
-    def parts(self) -> Sequence[Part]:
         second = () if self.second_stage is None else (self.second_stage,)
-        return self.actor, self.critics, *second
+        self.parts = (self.actor, critics, *second)
 
     @abstractmethod
     def critic_inputs(self, batch: Batch) -> Any:
@@ -341,9 +330,8 @@ class LossActorCritic(TwoStageActorCritic):
 def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     """Makes the actors of K seeds, whose outputs pass through tanh."""
     return StackedActor(
-        setup.sizes, setup.seeds, config.actor_hidden, setup.statistics,
-        squash=True, device=setup.device, policy_network=config.policy_network,
-    )  # fmt: skip
+        setup, config.actor_hidden, squash=True, policy_network=config.policy_network
+    )
 
 
 def scale_and_stage(
@@ -361,14 +349,7 @@ def scale_and_stage(
 
 
 class SecondStage:
-    """Density, optimizer and temperature of the second stage of K seeds.
-
-    Args:
-        actor: what is extracted into.
-        setup: seeds of the runs, [K].
-        generators: of the draws from the density, one per seed, [K].
-        config: settings.
-    """
+    """Density, optimizer and temperature of the second stage of K seeds."""
 
     def __init__(
         self,
@@ -392,24 +373,13 @@ class SecondStage:
         self._rows = ScoredRows(config.effective_share, generators)  # of `weighted`
 
     def learn_density(self, batch: Batch, scale: float) -> Tensor:
-        """Moves the density to the data; returns its negative log-likelihood, [K].
-
-        Args:
-            batch: tensors [K, B, ...].
-            scale: factor on the learning rate.
-        """
+        """Moves the density to the data; returns its negative log-likelihood, [K]."""
         loss = self.density.gradient(batch.observations, batch.actions)
         self.density.descend(scale)
         return loss
 
     def update(self, batch: Batch, valuer: Valuer, scale: float) -> dict[str, Tensor]:
-        """Moves the actor; returns losses, each [K].
-
-        Args:
-            batch: tensors [K, B, ...].
-            valuer: of this batch.
-            scale: factor on the learning rate.
-        """
+        """Moves the actor; returns losses, each [K]."""
         moments = self.density.moments(batch.observations, batch.actions)
         if not self._slope.all():
             self._slope = self._measure_slope(moments, valuer)

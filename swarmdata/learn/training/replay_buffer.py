@@ -71,7 +71,6 @@ class Replay:
     """The transitions that K seeds met, the newest `capacity` rows of them.
 
     Args:
-        shape: of the ring.
         folder: where the ring file lies; made if absent. A ring that is there already is kept
             until it is written to, for `load_state_dict`.
 

@@ -213,7 +213,6 @@ class Table:
     """A CSV file of a run: rows are appended, and dropped beyond the time a run resumes from.
 
     Args:
-        path: of the file.
         columns: names after the first two.
         last: rows of a later time are dropped.
         keys: names of the first two: what counts the time, and who the row is about.

@@ -4,15 +4,13 @@ import math
 from typing import Any
 
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.choices.behavior_heads import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.choices.behavior_heads import (
     Rule,
     behavior_log_probs,
     combinations,
@@ -20,8 +18,8 @@ from swarmdata.learn.choices.behavior_heads import (  # noqa: E402
     head_size,
     split,
 )
-from swarmdata.learn.choices.choices import Choices  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
+from swarmdata.learn.choices.choices import Choices
+from swarmdata.learn.networks.setup import Sizes
 
 KNOTS = Choices.of(Sizes(n_agents=2, observation=1, action=2, state=1), 3)
 UNEQUAL = Choices.of(

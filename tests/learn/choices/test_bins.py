@@ -4,19 +4,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.choices import bins  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402
-from swarmdata.learn.networks.team_networks import Team  # noqa: E402
-from swarmdata.learn.policies.choice_policy import BinPolicy  # noqa: E402
-from swarmdata.perception.frames import Frame  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.choices import bins
+from swarmdata.learn.networks.perceptrons import MLPShape
+from swarmdata.learn.networks.team_networks import Team
+from swarmdata.learn.policies.choice_policy import BinPolicy
+from swarmdata.perception.frames import Frame
 
 
 def test_bins_are_even_and_symmetric() -> None:

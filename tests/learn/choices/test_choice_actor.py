@@ -6,18 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.choices.choice_actor import ChoiceActor  # noqa: E402
-from swarmdata.learn.memory.memory_settings import MemorySettings  # noqa: E402
-from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
-from swarmdata.learn.policies.trained import policy_of  # noqa: E402
-from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
-from swarmdata.testing.sample_batches import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.choices.choice_actor import ChoiceActor
+from swarmdata.learn.memory.memory_settings import MemorySettings
+from swarmdata.learn.policies.choice_policy import ChoicePolicy
+from swarmdata.learn.policies.trained import policy_of
+from swarmdata.offline_algos.bc import BC, BCConfig
+from swarmdata.testing.sample_batches import (
     BATCH,
     N_AGENTS,
     N_OBSERVATION,
@@ -25,7 +23,7 @@ from swarmdata.testing.sample_batches import (  # noqa: E402
     sample_setup,
     sample_step,
 )
-from swarmdata.types import Batch  # noqa: E402
+from swarmdata.types import Batch
 
 UNEQUAL = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))
 """The second robot has one column, with choices from 1 to 3."""

@@ -2,15 +2,13 @@
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.choices.choices import Choices, columns_of  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.choices.choices import Choices, columns_of
+from swarmdata.learn.networks.setup import Sizes
 
 CONTINUOUS = Sizes(n_agents=3, observation=4, action=2, state=5)
 UNEQUAL = ((range(3), range(2)), (range(1, 5),))  # robot 1 has one column, from 1 to 4

@@ -5,17 +5,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.choices import bins  # noqa: E402
-from swarmdata.learn.networks.perceptrons import StackedMLP  # noqa: E402
-from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
-from swarmdata.offline_algos.qmix import QMIX, QMIXConfig  # noqa: E402
-from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
-from tests.offline_algos.toys import SIZES, actions_of, random_batch, statistics, two_episodes  # noqa: E402
+from swarmdata.learn.choices import bins
+from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.setup import Setup, Sizes
+from swarmdata.offline_algos.qmix import QMIX, QMIXConfig
+from swarmdata.offline_algos.vdn import VDN, VDNConfig
+from tests.offline_algos.toys import SIZES, actions_of, random_batch, statistics, two_episodes
 
 DISCRETE = replace(SIZES, choices=((range(3), range(3)), (range(1, 3),)))
 

@@ -23,8 +23,6 @@ from tests.learn.deployment.small_policies import (
     with_own_networks,
 )
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
 pytestmark = pytest.mark.slow
 
 MOST = 2e-6

@@ -5,15 +5,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="critics need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import DivergedError, SchemaError  # noqa: E402
-from swarmdata.learn.evaluation.fqe import (  # noqa: E402
+from swarmdata.errors import DivergedError, SchemaError
+from swarmdata.learn.evaluation.fqe import (
     BATCH_SIZE,
     Answered,
     FittedQ,
@@ -26,14 +24,14 @@ from swarmdata.learn.evaluation.fqe import (  # noqa: E402
     td_errors,
     weighted_imitation_error,
 )
-from swarmdata.learn.evaluation.transitions import Transitions  # noqa: E402
-from swarmdata.learn.networks.critics import Critics  # noqa: E402
-from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
-from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.learn.chain import N_AGENTS, Constant, chain  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.learn.evaluation.transitions import Transitions
+from swarmdata.learn.networks.critics import Critics
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.setup import Setup, Sizes
+from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
+from swarmdata.types import Batch
+from tests.learn.chain import N_AGENTS, Constant, chain
+from tests.support.memory_dataset import MemoryDataset
 
 ACTIONS = (0.5, -0.5)
 SMALL: dict[str, Any] = {"hidden": (32,), "batch_size": 64, "discount": 0.5, "learning_rate": 1e-2}

@@ -7,17 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-torch = pytest.importorskip("torch", reason="tensors need torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.evaluation.transitions import Transitions, actions_of  # noqa: E402
-from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec  # noqa: E402
-from swarmdata.specs.spaces import BoxSpace  # noqa: E402
-from swarmdata.types import Float  # noqa: E402
-from tests.learn.chain import N_AGENTS, Constant, chain, episode  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.evaluation.transitions import Transitions, actions_of
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import BoxSpace
+from swarmdata.types import Float
+from tests.learn.chain import N_AGENTS, Constant, chain, episode
+from tests.support.memory_dataset import MemoryDataset
 
 
 class Mirror:

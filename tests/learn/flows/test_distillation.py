@@ -4,21 +4,20 @@ import json
 from pathlib import Path
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.flows.one_step_actor import Distillation  # noqa: E402
-from swarmdata.learn.networks.network_inputs import normal_like  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402
-from swarmdata.learn.training.compact import is_same  # noqa: E402
-from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.bc_flow import BCFlowConfig  # noqa: E402
-from swarmdata.runtime.atomic import write_file  # noqa: E402
-from tests.offline_algos.toys import SIZES, same_side, statistics  # noqa: E402
+from swarmdata.errors import CheckpointError
+from swarmdata.learn.flows.one_step_actor import Distillation
+from swarmdata.learn.networks.network_inputs import normal_like
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.learn.training.compact import is_same
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG
+from swarmdata.learn.training.run_folder import load_run
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.bc_flow import BCFlowConfig
+from swarmdata.runtime.atomic import write_file
+from tests.offline_algos.toys import SIZES, same_side, statistics
 
 K, B = 2, 6
 

@@ -1,21 +1,20 @@
 """Joint flows: the written loss, Euler's method, and what a robot's part depends on."""
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
+from swarmdata.errors import SchemaError
+from swarmdata.learn.flows.joint_flow import JointFlow
+from swarmdata.learn.networks.setup import Setup
+from tests.offline_algos.toys import SIZES, statistics
 
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.flows.joint_flow import JointFlow  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
-
-SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 K, B = 2, 5
+SETUP = Setup(SIZES, range(K), statistics())
 
 
 def made(n_steps: int = 3) -> JointFlow:
-    return JointFlow(SIZES, range(K), (8, 8), n_steps, "cpu")
+    return JointFlow(SETUP, (8, 8), n_steps)
 
 
 def drawn(*shape: int, seed: int = 0) -> Tensor:
@@ -76,4 +75,4 @@ def test_every_robots_part_depends_on_what_is_of_any_robot(of: str) -> None:
 @pytest.mark.parametrize(("hidden", "n_steps"), [((), 3), ((8,), 0)])
 def test_a_flow_needs_a_hidden_layer_and_a_step(hidden: tuple[int, ...], n_steps: int) -> None:
     with pytest.raises(SchemaError, match="at least one of each"):
-        JointFlow(SIZES, range(K), hidden, n_steps, "cpu")
+        JointFlow(SETUP, hidden, n_steps)

@@ -4,14 +4,13 @@ from dataclasses import fields, replace
 from typing import Any, get_args
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.learn.flows.one_step_actor import Noise, OneStepActor  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.offline_algos.bc_flow import BCFlowConfig  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import SIZES, random_batch, statistics  # noqa: E402
+from swarmdata.learn.flows.one_step_actor import Noise, OneStepActor
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.offline_algos.bc_flow import BCFlowConfig
+from swarmdata.types import Batch
+from tests.offline_algos.toys import SIZES, random_batch, statistics
 
 WINDOW, LENGTH = 3, 8
 GRU: dict[str, Any] = {"memory": "gru", "memory_size": 5, "window": WINDOW}

@@ -2,20 +2,17 @@
 
 from typing import Any
 
-import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape, initialize  # noqa: E402
+from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates, memories
+from swarmdata.learn.networks.perceptrons import initialize
 
 F, M, T, B = 5, 4, 6, 3
 
 
-def made(n_networks: int = 2, *, reader: bool = False) -> StackedGates:
-    shape = GatedShape.reading(MLPShape(F, (8,), 2), M) if reader else GatedShape(F, M)
-    network = StackedGates(shape, n_networks, "cpu")
-    initialize(network, range(n_networks), 0)
+def made() -> StackedGates:
+    network = StackedGates(GatedShape(F, M), 2, "cpu")
+    initialize(network, range(2), 0)
     return network
 
 
@@ -36,7 +33,7 @@ def test_memories_and_gradients_are_those_of_torch() -> None:
     inputs = torch.randn(2, T, B, F, generator=torch.Generator().manual_seed(0))
     starts = torch.zeros(2, T, B, dtype=torch.bool)
     starts[:, 0] = True
-    found = network.remember(inputs, starts)
+    found = memories(network.layers, inputs, starts)
     network.backward(found.square().sum())
     of_inputs, of_memory = network._gradients
     for row in range(2):
@@ -60,6 +57,6 @@ def test_a_start_forgets_what_was_before() -> None:
     starts[:, 3, 1] = True
     changed = inputs.clone()
     changed[:, :3] += 1.0
-    one, other = network.remember(inputs, starts), network.remember(changed, starts)
+    one, other = memories(network.layers, inputs, starts), memories(network.layers, changed, starts)
     assert torch.equal(one[:, 3:, 1], other[:, 3:, 1])
     assert not torch.isclose(one[:, 3:, [0, 2]], other[:, 3:, [0, 2]]).all(-1).any()

@@ -4,20 +4,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates  # noqa: E402
-from swarmdata.learn.memory.segments import (  # noqa: E402
+from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
+from swarmdata.learn.memory.segments import (
     learned_rows,
     learned_steps,
     remembered,
     remembered_next,
     take,
 )
-from swarmdata.learn.networks.perceptrons import initialize  # noqa: E402
-from tests.offline_algos.conftest import play  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.learn.networks.perceptrons import initialize
+from tests.offline_algos.conftest import play
+from tests.support.memory_dataset import MemoryDataset
 
 BURN_IN, WINDOW = 3, 5
 

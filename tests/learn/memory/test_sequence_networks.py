@@ -5,10 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.learn.memory.sequence_networks import (  # noqa: E402
+from swarmdata.learn.memory.sequence_networks import (
     SequenceShape,
     StackedSequences,
     decide,
@@ -16,8 +15,8 @@ from swarmdata.learn.memory.sequence_networks import (  # noqa: E402
     over_window,
     with_past,
 )
-from swarmdata.learn.networks.perceptrons import Layer, initialize  # noqa: E402
-from swarmdata.types import Double  # noqa: E402
+from swarmdata.learn.networks.perceptrons import Layer, initialize
+from swarmdata.types import Double
 
 K, B, L, N, F, D, H = 2, 3, 5, 4, 6, 2, 2
 SHAPE = SequenceShape(inputs=F, told=D, width=8, n_heads=H, outputs=3)

@@ -3,16 +3,14 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
-
-from swarmdata.learn.networks.actor import DelayedActor, StackedActor  # noqa: E402
-from swarmdata.learn.networks.network_inputs import Normalizer  # noqa: E402
-from tests.offline_algos.toys import SIZES, statistics  # noqa: E402
+from swarmdata.learn.networks.actor import DelayedActor, StackedActor
+from swarmdata.learn.networks.network_inputs import Normalizer
+from swarmdata.learn.networks.setup import Setup
+from tests.offline_algos.toys import SIZES, statistics
 
 MOMENTS = replace(
     statistics(),
@@ -22,7 +20,7 @@ MOMENTS = replace(
 
 
 def made(n_seeds: int = 2) -> DelayedActor:
-    online = StackedActor(SIZES, range(n_seeds), (8,), MOMENTS, squash=True, device="cpu")
+    online = StackedActor(Setup(SIZES, range(n_seeds), MOMENTS), (8,), squash=True)
     return DelayedActor(online, n_seeds, learning_rate=1e-2, max_norm=None)
 
 

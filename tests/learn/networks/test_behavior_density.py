@@ -1,15 +1,15 @@
 """The density of the data's actions learns means and deviations that depend on the observation."""
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from swarmdata.learn.networks.actor import BehaviorDensity, StackedActor  # noqa: E402
-from tests.offline_algos.toys import SIZES, statistics  # noqa: E402
+from swarmdata.learn.networks.actor import BehaviorDensity, StackedActor
+from swarmdata.learn.networks.setup import Setup
+from tests.offline_algos.toys import SIZES, statistics
 
 
 def made(floor: float = 0.01) -> BehaviorDensity:
-    actor = StackedActor(SIZES, [0], (32,), statistics(), squash=True, device="cpu")
+    actor = StackedActor(Setup(SIZES, [0], statistics()), (32,), squash=True)
     return BehaviorDensity(actor, [0], floor=floor, learning_rate=1e-2, max_norm=None)
 
 

@@ -4,20 +4,18 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="compiling needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.errors import CheckpointError, ProgramError, SchemaError  # noqa: E402
-from swarmdata.learn.networks import compilation  # noqa: E402
-from swarmdata.learn.networks.compilation import compilable, compiling, has_compilable, uncompiled  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize  # noqa: E402
-from swarmdata.learn.training.run_folder import read_run  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.offline_algos.bc import BC, BCConfig  # noqa: E402
-from swarmdata.testing.synthetic import make_dataset  # noqa: E402
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import CheckpointError, ProgramError, SchemaError
+from swarmdata.learn.networks import compilation
+from swarmdata.learn.networks.compilation import compilable, compiling, has_compilable, uncompiled
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.training.run_folder import read_run
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.offline_algos.bc import BC, BCConfig
+from swarmdata.testing.synthetic import make_dataset
 
 CONFIG = BCConfig(n_updates=12, batch_size=8, hidden=(8,))
 

@@ -1,13 +1,11 @@
 """Joint critics: twins apart, parameters that the policies' loss cannot move, slow copies."""
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.critics import Critics  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
+from swarmdata.learn.networks.critics import Critics
+from swarmdata.learn.networks.setup import Sizes
 
 SIZES = Sizes(n_agents=3, observation=2, action=2, state=4)
 
@@ -23,7 +21,8 @@ def inputs(n_seeds: int = 2, size: int = 5) -> tuple[Tensor, Tensor, Tensor]:
     """What critics see, and two joint actions."""
     g = torch.Generator().manual_seed(0)
     x = torch.randn(n_seeds, size, 4 + 3 * 2, generator=g)
-    return x, *(torch.rand(n_seeds, size, 3, 2, generator=g) for _ in range(2))
+    one, other = (torch.rand(n_seeds, size, 3, 2, generator=g) for _ in range(2))
+    return x, one, other
 
 
 @pytest.mark.parametrize("n_critics", [1, 2, 4])

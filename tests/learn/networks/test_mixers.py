@@ -1,20 +1,19 @@
 """Mixers: monotonic in every robot, dependent on the state, seed by seed."""
 
-import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.mixers import FreeMixer, LinearMixer, MonotonicMixer  # noqa: E402
+from swarmdata.learn.networks.mixers import HyperMixer, LinearMixer
+from swarmdata.learn.networks.setup import Setup, Sizes
+from tests.offline_algos.toys import statistics
 
 SEEDS = [4, 9]
 
 
-def made(seeds: list[int] = SEEDS) -> MonotonicMixer:
-    return MonotonicMixer(3, 5, seeds, 1, embedding=7, hidden=6, device="cpu")
+def made() -> HyperMixer:
+    return HyperMixer(3, 5, SEEDS, 1, embedding=7, hidden=6, device="cpu")
 
 
 def drawn(seed: int, n_seeds: int = 2) -> tuple[Tensor, Tensor]:
@@ -33,7 +32,6 @@ def test_a_robots_rise_never_lowers_the_teams_value(seed: int, robot: int, rise:
 
 def test_other_parameters_can_be_used() -> None:
     mixer, (values, states) = made(), drawn(5)
-    assert mixer.network is not None
     target = mixer.network.clone()
     before = mixer(values, states, target)
     mixer.network.flat.mul_(2)
@@ -41,24 +39,22 @@ def test_other_parameters_can_be_used() -> None:
     assert not torch.allclose(mixer(values, states), before)
 
 
-@pytest.mark.parametrize("kind", [MonotonicMixer, FreeMixer])
-def test_twin_mixers_are_neighbors_and_differ(kind: type[MonotonicMixer | FreeMixer]) -> None:
-    twins = kind(3, 5, SEEDS, 1, embedding=7, hidden=6, device="cpu", n_critics=2)
-    assert twins.network is not None
+def test_twin_mixers_are_neighbors_and_differ() -> None:
+    twins = HyperMixer(3, 5, SEEDS, 1, embedding=7, hidden=6, device="cpu", n_critics=2)
     assert len(twins.network.flat) == 4
     assert len({tuple(row) for row in twins.network.flat.tolist()}) == 4
-    single = kind(3, 5, SEEDS[1:], 1, embedding=7, hidden=6, device="cpu", n_critics=2)
-    assert single.network is not None
+    single = HyperMixer(3, 5, SEEDS[1:], 1, embedding=7, hidden=6, device="cpu", n_critics=2)
     assert torch.equal(twins.network.flat[2:], single.network.flat)
 
 
-def linear(seeds: list[int] = SEEDS) -> LinearMixer:
-    return LinearMixer(3, 5, seeds, 1, hidden=6, device="cpu")
+def linear() -> LinearMixer:
+    """Of 3 robots; x has 5 numbers."""
+    sizes = Sizes(n_agents=3, observation=1, action=1, state=2)
+    return LinearMixer(Setup(sizes, SEEDS, statistics()), 6)
 
 
 def test_the_linear_mixer_by_hand() -> None:
     mixer, (values, states) = linear(), drawn(4)
-    assert mixer.network is not None
     raw = mixer.network(states)[0, 7]
     expected = ((1 + raw[:3]).abs() / 3 * values[0, 7]).sum() + raw[3]
     torch.testing.assert_close(mixer(values, states)[0, 7], expected)

@@ -3,10 +3,9 @@
 import math
 
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.learn.memory.sequence_networks import Mixture  # noqa: E402
+from swarmdata.learn.memory.sequence_networks import Mixture
 
 
 def of(weights: list[float], means: list[list[float]]) -> Mixture:

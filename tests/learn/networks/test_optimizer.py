@@ -1,13 +1,11 @@
 """The stacked Adam against torch's plain one, clipping, and the cosine."""
 
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.optimizer import Descent, StackedAdam, clip_per_seed, cosine, linear  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp  # noqa: E402
+from swarmdata.learn.networks.optimizer import Descent, StackedAdam, clip_per_seed, cosine, linear
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
 
 SHAPE = MLPShape(3, (8,), 2)
 
@@ -52,7 +50,7 @@ def test_a_seed_has_the_bits_of_a_lone_one(n_seeds: int) -> None:
             network.gradient.copy_(gradient[rows])
             optimizer.descend()
         alone.append(torch.cat([network.flat, *list(optimizer.state_dict().values())[1:]]))
-    together = alone.pop(0).unflatten(0, (3, n_seeds))
+    together = alone.pop(0).view(3, n_seeds, -1)
     assert torch.equal(together, torch.stack(alone, 1))
 
 

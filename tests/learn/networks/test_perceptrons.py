@@ -1,13 +1,11 @@
 """Stacked networks against plain torch modules."""
 
 import pytest
+import torch
+from torch import nn
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import nn  # noqa: E402
-
-from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize  # noqa: E402
+from swarmdata.errors import CheckpointError
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 
 SHAPE = MLPShape(inputs=5, hidden=(16, 8), outputs=2, layer_norm=True)
 

@@ -4,18 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="algorithms need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.critics import Critic, RobotCritics, RobotViews  # noqa: E402
-from swarmdata.learn.networks.network_inputs import Normalizer  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
-from swarmdata.perception.frames import Frame  # noqa: E402
-from swarmdata.types import Double  # noqa: E402
-from tests.offline_algos.toys import SIZES as TOYS  # noqa: E402
-from tests.offline_algos.toys import random_batch, statistics  # noqa: E402
+from swarmdata.learn.networks.critics import Critic, RobotCritics, RobotViews
+from swarmdata.learn.networks.network_inputs import Normalizer
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.perception.frames import Frame
+from swarmdata.types import Double
+from tests.offline_algos.toys import SIZES as TOYS
+from tests.offline_algos.toys import random_batch, statistics
 
 FRAME = Frame(anchor=0, vectors=(0, 2), closing=())
 RAW, N = 5, 3  # two vectors and a number; robots

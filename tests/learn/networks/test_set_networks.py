@@ -2,17 +2,14 @@
 
 from dataclasses import replace
 
-import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from hypothesis import given, settings  # noqa: E402
-from hypothesis import strategies as st  # noqa: E402
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.perceptrons import initialize  # noqa: E402
-from swarmdata.learn.networks.set_networks import SetShape, StackedSets, over_sets  # noqa: E402
-from swarmdata.perception.feature_slots import SlotKind, Slots  # noqa: E402
+from swarmdata.learn.networks.perceptrons import initialize
+from swarmdata.learn.networks.set_networks import SetShape, StackedSets, over_sets
+from swarmdata.perception.feature_slots import SlotKind, Slots
 
 
 def slots_with(n_neighbors: int, n_goals: int) -> Slots:

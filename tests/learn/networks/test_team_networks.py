@@ -4,13 +4,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.learn.networks.perceptrons import MLPShape  # noqa: E402
-from swarmdata.learn.networks.team_networks import Team, answer, from_rows, to_rows  # noqa: E402
-from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
-from swarmdata.perception.frames import Frame, in_world  # noqa: E402
+from swarmdata.learn.networks.perceptrons import MLPShape
+from swarmdata.learn.networks.team_networks import Team, answer, from_rows, to_rows
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.perception.frames import Frame, in_world
 
 SHAPE = MLPShape(5, (6,), 2)
 FEATURES = torch.randn(2, 7, 3, 5, generator=torch.Generator().manual_seed(0))

@@ -4,18 +4,16 @@ import math
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go  # noqa: E402
-from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
-from swarmdata.learn.objectives.losses import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go
+from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.objectives.losses import (
     anchored_loss,
     batch_weights,
     expectile_loss,
@@ -27,10 +25,10 @@ from swarmdata.learn.objectives.losses import (  # noqa: E402
     tilted_mean,
     value_size,
 )
-from swarmdata.types import Episode  # noqa: E402
-from tests.offline_algos.toys import statistics  # noqa: E402
-from tests.support.made_episodes import made_episode  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
+from swarmdata.types import Episode
+from tests.offline_algos.toys import statistics
+from tests.support.made_episodes import made_episode
+from tests.support.memory_dataset import MemoryDataset
 
 ETA = torch.tensor([2.0])
 UNBOUNDED = torch.tensor([float("inf")])

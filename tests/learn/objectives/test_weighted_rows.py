@@ -1,24 +1,22 @@
 """Rows drawn by weight: the temperature keeps its floor, draws are in proportion and repeatable."""
 
 import pytest
+import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.memory.segments import each_field, learned_rows, learned_steps  # noqa: E402
-from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.learn.objectives.weighted_rows import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.memory.segments import each_field, learned_rows, learned_steps
+from swarmdata.learn.networks.network_inputs import generators
+from swarmdata.learn.objectives.weighted_rows import (
     ScoredRows,
     draw,
     effective_share_of,
     row_weights,
 )
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import random_batch  # noqa: E402
+from swarmdata.types import Batch
+from tests.offline_algos.toys import random_batch
 
 
 def shares(advantages: Tensor, beta: Tensor) -> Tensor:

@@ -5,15 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.setup import Setup, Sizes  # noqa: E402
-from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
-from swarmdata.types import Step  # noqa: E402
-from tests.offline_algos.toys import actions_of, statistics  # noqa: E402
-from tests.offline_algos.toys import step_of as toy_step  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.setup import Setup, Sizes
+from swarmdata.offline_algos.vdn import VDN, VDNConfig
+from swarmdata.types import Step
+from tests.offline_algos.toys import actions_of, statistics
+from tests.offline_algos.toys import step_of as toy_step
 
 SIZES = Sizes(n_agents=3, observation=3, action=2, state=4)
 CHOICES = ((range(4), range(2)), (range(1, 4),), (range(4), range(2)))

@@ -5,16 +5,15 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="policies of algorithms need torch")
-
-from swarmdata.learn.flows.one_step_actor import Noise, OneStepActor  # noqa: E402
-from swarmdata.learn.networks.setup import Setup  # noqa: E402
-from swarmdata.learn.policies.drawn_policy import FlowPolicy  # noqa: E402
-from swarmdata.learn.policies.trained import flow_policy  # noqa: E402
-from swarmdata.offline_algos.bc_flow import BCFlowConfig  # noqa: E402
-from swarmdata.types import Step  # noqa: E402
-from tests.offline_algos.toys import SIZES, random_batch, statistics, step_of  # noqa: E402
+from swarmdata.learn.flows.one_step_actor import Noise, OneStepActor
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.policies.drawn_policy import FlowPolicy
+from swarmdata.learn.policies.trained import flow_policy
+from swarmdata.offline_algos.bc_flow import BCFlowConfig
+from swarmdata.types import Step
+from tests.offline_algos.toys import SIZES, random_batch, statistics, step_of
 
 
 def actor_of(**settings: Any) -> OneStepActor:

@@ -6,8 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="policies of algorithms need the torch extra")
-
 from swarmdata.behavior_policies.checkpoint_files import digest_of
 from swarmdata.errors import CheckpointError, SpecError
 from swarmdata.learn.networks.setup import Setup, Sizes

@@ -5,9 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch", reason="policies of algorithms need the torch extra")
-
 import torch
 
 from swarmdata.behavior_policies.simple import Idle

@@ -7,21 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.errors import BuildError, SchemaError  # noqa: E402
-from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
-from swarmdata.learn.policies.drawn_policy import RecurrentFlowPolicy  # noqa: E402
-from swarmdata.learn.policies.policy_file import save_policy  # noqa: E402
-from swarmdata.learn.training.training_data import framed  # noqa: E402
-from swarmdata.offline_algos.vdn import VDN, VDNConfig  # noqa: E402
-from swarmdata.online_algos.runs.export_policy import export  # noqa: E402
-from swarmdata.perception.frames import Frame  # noqa: E402
-from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.types import Step  # noqa: E402
-from tests.learn.policies.recurrent_training import (  # noqa: E402
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import BuildError, SchemaError
+from swarmdata.learn.evaluation.transitions import actions_of
+from swarmdata.learn.policies.drawn_policy import RecurrentFlowPolicy
+from swarmdata.learn.policies.policy_file import save_policy
+from swarmdata.learn.training.training_data import framed
+from swarmdata.offline_algos.vdn import VDN, VDNConfig
+from swarmdata.online_algos.runs.export_policy import export
+from swarmdata.perception.frames import Frame
+from swarmdata.registry.components import make_env
+from swarmdata.types import Step
+from tests.learn.policies.recurrent_training import (
     FLOW,
     MEMORY,
     bc,

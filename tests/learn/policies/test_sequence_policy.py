@@ -4,19 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.errors import PolicyFitError, SchemaError  # noqa: E402
-from swarmdata.learn.deployment.robot_step import robot_step  # noqa: E402
-from swarmdata.learn.evaluation.transitions import actions_of  # noqa: E402
-from swarmdata.learn.memory.sequence_actor import told_actions  # noqa: E402
-from swarmdata.learn.memory.sequence_networks import Mixture  # noqa: E402
-from swarmdata.learn.training.training_data import framed  # noqa: E402
-from swarmdata.perception.frames import Frame  # noqa: E402
-from swarmdata.registry.components import make_env  # noqa: E402
-from tests.learn.policies.recurrent_training import oryx, played, steps_of  # noqa: E402
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import PolicyFitError, SchemaError
+from swarmdata.learn.deployment.robot_step import robot_step
+from swarmdata.learn.evaluation.transitions import actions_of
+from swarmdata.learn.memory.sequence_actor import told_actions
+from swarmdata.learn.memory.sequence_networks import Mixture
+from swarmdata.learn.training.training_data import framed
+from swarmdata.perception.frames import Frame
+from swarmdata.registry.components import make_env
+from tests.learn.policies.recurrent_training import oryx, played, steps_of
 
 
 @pytest.mark.parametrize("in_frame", [False, True])

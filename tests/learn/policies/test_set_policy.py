@@ -6,22 +6,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="policies of algorithms need torch")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.evaluation.results.policy_names import find_target  # noqa: E402
-from swarmdata.evaluation.results.target_evaluation import evaluate_target  # noqa: E402
-from swarmdata.hub.catalog.catalog import load  # noqa: E402
-from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: E402
-from swarmdata.learn.policies.torch_policy import SetPolicy  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.perception.observer import features_of  # noqa: E402
-from swarmdata.registry.components import make_env, make_task  # noqa: E402
-from swarmdata.registry.presets import preset  # noqa: E402
-from swarmdata.rollouts.function_policy import frame_of  # noqa: E402
-from swarmdata.specs.model_choice import with_models  # noqa: E402
-from tests.learn.training.test_trainer import config_of  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.results.target_evaluation import evaluate_target
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.learn.policies.policy_file import load_policy, save_policy
+from swarmdata.learn.policies.torch_policy import SetPolicy
+from swarmdata.learn.training.run_folder import load_run
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import make_env, make_task
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.function_policy import frame_of
+from swarmdata.specs.model_choice import with_models
+from tests.learn.training.test_trainer import config_of
 
 
 @pytest.fixture(scope="module")

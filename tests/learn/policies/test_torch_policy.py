@@ -4,14 +4,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="learned policies need torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.networks.perceptrons import Layer  # noqa: E402
-from swarmdata.learn.networks.team_networks import Parameters  # noqa: E402
-from swarmdata.learn.policies.torch_policy import TorchPolicy, outputs_of  # noqa: E402
+from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.networks.team_networks import Parameters
+from swarmdata.learn.policies.torch_policy import TorchPolicy, outputs_of
 
 N_AGENTS, N_FEATURES = 3, 5
 

@@ -4,13 +4,11 @@ import re
 from pathlib import Path
 
 import pytest
+import torch
+from safetensors.torch import save_file
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from safetensors.torch import save_file  # noqa: E402
-
-from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.learn.training.checkpoint import load_checkpoint, part, save_checkpoint  # noqa: E402
+from swarmdata.errors import CheckpointError
+from swarmdata.learn.training.checkpoint import load_checkpoint, part, save_checkpoint
 
 TENSORS = {
     "a.x": torch.randn(3, 2),

@@ -2,13 +2,11 @@
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.online_algos.collection.replay_collection import (  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import generators
+from swarmdata.online_algos.collection.replay_collection import (
     LinearSchedule,
     epsilon_greedy,
     gaussian,

@@ -7,38 +7,21 @@ from typing import Any
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="the trainer needs torch")
-
-from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.errors import CheckpointError  # noqa: E402
-from swarmdata.hub.catalog.catalog import load  # noqa: E402
-from swarmdata.interfaces import Policy  # noqa: E402
-from swarmdata.learn.networks.dataset_statistics import Statistics  # noqa: E402
-from swarmdata.learn.policies.choice_policy import ChoicePolicy  # noqa: E402
-from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy  # noqa: E402
-from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run, read_run  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.learn.training.training_data import framed  # noqa: E402
-from swarmdata.perception.frames import Frame, find_frame  # noqa: E402
-from swarmdata.perception.observer import features_of  # noqa: E402
-from swarmdata.registry.components import make_task  # noqa: E402
-from swarmdata.types import Float  # noqa: E402
-from tests.learn.training.test_trainer import config_of  # noqa: E402
-from tests.offline_algos.toys import step_of  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
-
-
-@pytest.fixture(scope="module")
-def data(tiny: Path) -> Dataset:
-    return load(tiny)
-
-
-@pytest.fixture(scope="module")
-def frame(data: Dataset) -> Frame:
-    found = find_frame(features_of(make_task(data.task)), "target")
-    assert found is not None
-    return found
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import CheckpointError
+from swarmdata.interfaces import Policy
+from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.policies.choice_policy import ChoicePolicy
+from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.run_folder import load_run, read_run
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.learn.training.training_data import framed
+from swarmdata.perception.frames import Frame
+from swarmdata.types import Float
+from tests.learn.training.test_trainer import config_of
+from tests.offline_algos.toys import step_of
+from tests.support.memory_dataset import MemoryDataset
 
 
 def test_a_loop_of_ones_own_gets_the_batches_that_algorithms_learn_from(

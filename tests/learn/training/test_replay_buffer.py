@@ -4,16 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from swarmdata.errors import CheckpointError, SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
-from swarmdata.learn.training.replay_buffer import Replay, Shape  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
+from swarmdata.errors import CheckpointError, SchemaError
+from swarmdata.learn.networks.network_inputs import generators
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.learn.training.replay_buffer import Replay, Shape
+from swarmdata.types import Batch
 
 SIZES = Sizes(n_agents=2, observation=3, action=2, state=4)
 

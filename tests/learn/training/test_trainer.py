@@ -10,25 +10,24 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="the trainer needs torch")
-
-from swarmdata.errors import CheckpointError, DivergedError, SchemaError, UnknownNameError  # noqa: E402
-from swarmdata.interfaces import Policy, fields_of  # noqa: E402
-from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy  # noqa: E402
-from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy  # noqa: E402
-from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy  # noqa: E402
-from swarmdata.learn.policies.sequence_policy import SequencePolicy  # noqa: E402
-from swarmdata.learn.policies.torch_policy import TorchPolicy  # noqa: E402
-from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint  # noqa: E402
-from swarmdata.learn.training.compact import compact, is_same  # noqa: E402
-from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run  # noqa: E402
-from swarmdata.learn.training.trainer import Schedule, train_seeds  # noqa: E402
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve  # noqa: E402
-from swarmdata.types import Batch, Episode, no_messages  # noqa: E402
-from tests.support.memory_dataset import MemoryDataset  # noqa: E402
-from tests.support.pairs import slow  # noqa: E402
+from swarmdata.errors import CheckpointError, DivergedError, SchemaError, UnknownNameError
+from swarmdata.interfaces import Policy, fields_of
+from swarmdata.learn.policies.choice_policy import ChoicePolicy, RecurrentChoicePolicy
+from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
+from swarmdata.learn.policies.sequence_policy import SequencePolicy
+from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
+from swarmdata.learn.training.compact import compact, is_same
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES
+from swarmdata.learn.training.run_folder import load_run
+from swarmdata.learn.training.trainer import Schedule, train_seeds
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.types import Batch, Episode, no_messages
+from tests.support.memory_dataset import MemoryDataset
+from tests.support.pairs import slow
 
 SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
