@@ -34,7 +34,7 @@ MAX_PICTURE_BYTES = 120_000
 """Of the file, so that a hundred cards weigh little."""
 
 PALETTE_SIZES = (256, 192, 128, 96, 64, 48)
-"""Colors that the sheet is reduced to: the most with which the file has at most `MOST_BYTES`."""
+"""Colors that the sheet is reduced to: the most with which the file has at most this size."""
 
 N_SAMPLED_STEPS = 20_000
 """Joint steps whose actions are counted."""
@@ -142,7 +142,7 @@ def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
 
 
 def _share(values: Double, low: float, high: float) -> Double:
-    """Shares of the values in equal bins of their range, [_BINS]; all 0 where nobody acted."""
+    """Shares of the values in equal bins of their range, [`N_ACTION_BINS`]; all 0 where nobody acted."""
     if not len(values):
         return np.full(N_ACTION_BINS, 1e-9)
     first = low if np.isfinite(low) else float(values.min())

@@ -100,7 +100,7 @@ def _directive(module: str, name: str) -> str:
     if is_class and issubclass(found, TrainingData):  # which has most of what views can do
         options += "   :inherited-members:\n"
     if is_class and issubclass(found, Frozen):
-        hidden = (*found.model_fields, *found.__class_vars__, "model_config")
+        hidden = (*found.model_fields, *sorted(found.__class_vars__), "model_config")
         options += f"   :exclude-members: {', '.join(hidden)}\n\n"
         options += "".join(f"   .. automethod:: {method}\n" for method in OF_FILES)
     kind = "function" if not is_class else "exception" if _is_error(found) else "class"
