@@ -142,7 +142,7 @@ def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
 
 
 def _share(values: Double, low: float, high: float) -> Double:
-    """Shares of the values in equal bins of their range, [`N_ACTION_BINS`]; all 0 where nobody acted."""
+    """Shares of the values in `N_ACTION_BINS` equal bins; all 0 where nobody acted."""
     if not len(values):
         return np.full(N_ACTION_BINS, 1e-9)
     first = low if np.isfinite(low) else float(values.min())
