@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from swarmdata.learn.flows.one_step_actor import Distillation, FlowSettings
-from swarmdata.learn.networks.network_inputs import Normalizer, normal_like
+from swarmdata.learn.networks.network_inputs import Normalizer, information, normal_like
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.drawn_policy import FlowPolicy, RecurrentFlowPolicy
@@ -67,7 +67,7 @@ class BCFlow(OfflineLearner):
         """One step of both on tensors [K, B, ...], windows with a memory; returns losses, [K]."""
         view, scale = self.copy.actor.see(batch), self.scale
         batch = view.batch
-        x = self.normalizer.information(batch.states, batch.observations)
+        x = information(*self.normalizer(batch.states, batch.observations))
         flow_loss = self.copy.fit(x, batch.actions, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
         targets = self.copy.targets(x, z, batch.actions, self.generators)

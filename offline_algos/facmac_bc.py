@@ -98,8 +98,7 @@ class FACMACBC(LossActorCritic):
 
     def critic_inputs(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns normalized states, [K, B, S], and observations, [K, B, N, O]."""
-        known = self.normalizer
-        return known.states(batch.states), known.observations(batch.observations)
+        return self.normalizer(batch.states, batch.observations)
 
     def critic_loss(self, batch: Batch, x: tuple[Tensor, Tensor]) -> Loss:
         """Returns sum_j L(Q_j), FACMAC eq. 5; draws the targets' noise."""
@@ -126,10 +125,9 @@ class FACMACBC(LossActorCritic):
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
-        known, a_next = self.normalizer, self.smoothed_actions(batch.next_observations)
-        s_next = known.states(batch.next_states)
-        o_next = known.observations(batch.next_observations)
-        q_next = self.critics.target_q(s_next, o_next, a_next).amin(1)  # [K, B], the smaller one
+        a_next = self.smoothed_actions(batch.next_observations)
+        x_next = self.normalizer(batch.next_states, batch.next_observations)
+        q_next = self.critics.target_q(*x_next, a_next).amin(1)  # [K, B], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
         r = team_reward(batch.rewards) * self.rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)

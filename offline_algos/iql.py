@@ -51,10 +51,8 @@ from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.recurrent_actor import RecurrentActor, make_actor
 from swarmdata.learn.networks.actor import StackedActor
 from swarmdata.learn.networks.critics import Critic, RobotView
-from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     cloning_loss,
@@ -70,6 +68,7 @@ from swarmdata.learn.training.actor_critic import (
     ActorCriticConfig,
     OfflineLearner,
     robot_critics,
+    value_network,
 )
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
@@ -120,9 +119,7 @@ class IQL(OfflineLearner):
             )
         self.rewards = RobotRewards(setup.statistics, config.reward)
         self.critics = robot_critics(replace(setup, sizes=sizes), config, config.critic)
-        shape = MLPShape(self.critics.n_features, config.critic_hidden, 1, layer_norm=True)
-        self.value = StackedMLP(shape, setup.n_seeds, setup.device)
-        initialize(self.value, setup.seeds, VALUE_STREAM)
+        self.value = value_network(setup, self.critics.n_features, config.critic_hidden)
         self.descent = Descent(
             {"actor": self.actor.network, "value": self.value}, setup.n_seeds,
             {"actor": config.actor_learning_rate, "value": config.critic_learning_rate},

@@ -33,12 +33,10 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.critics import RobotView
-from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.optimizer import Descent
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import td_error, td_target
-from swarmdata.learn.training.actor_critic import TRANSITION, robot_critics
+from swarmdata.learn.training.actor_critic import TRANSITION, robot_critics, value_network
 from swarmdata.learn.training.settings import LogUniform, Space
 from swarmdata.numerics.event_costs import COSTS
 from swarmdata.offline_algos.iql import IQL, IQLConfig
@@ -74,9 +72,7 @@ class IQLCost(IQL):
         names = COSTS if config.cost == "all" else (config.cost,)
         self._weight, self._columns = config.cost_weight, [COSTS.index(name) for name in names]
         self.cost_critics = robot_critics(setup, config, config.critic, "cost_critics")
-        shape = MLPShape(self.cost_critics.n_features, config.critic_hidden, 1, layer_norm=True)
-        self.cost_value = StackedMLP(shape, setup.n_seeds, setup.device)
-        initialize(self.cost_value, setup.seeds, VALUE_STREAM)
+        self.cost_value = value_network(setup, self.cost_critics.n_features, config.critic_hidden)
         self.cost_descent = Descent(
             {"cost_value": self.cost_value}, setup.n_seeds, config.critic_learning_rate,
             config.max_grad_norm,

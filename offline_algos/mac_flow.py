@@ -240,8 +240,7 @@ class MACFlow(OfflineLearner):
         first, scale = self.config.first_stage, self.scale
         view = self.copy.actor.see(batch)
         batch = view.batch
-        s = self.normalizer.states(batch.states)
-        o = self.normalizer.observations(batch.observations)
+        s, o = self.normalizer(batch.states, batch.observations)
         x = information(s, o)
         reported: dict[str, Tensor] = {}
         if first == 0 or self.n_updates < first:
@@ -288,11 +287,10 @@ class MACFlow(OfflineLearner):
     @torch.no_grad()
     def targets(self, view: StudentView) -> Tensor:
         """Returns y of every robot, [K, B N], or of the team, [K, B]; draws the noise z'."""
-        known, discount, batch = self.normalizer, self.config.discount, view.batch
+        discount, batch = self.config.discount, view.batch
         z = normal_like(self.generators, batch.actions)
         a_next = self.copy.actor(self.copy.actor.see_next(view), z)
-        s_next = known.states(batch.next_states)
-        o_next = known.observations(batch.next_observations)
+        s_next, o_next = self.normalizer(batch.next_states, batch.next_observations)
         r, ends, critics = self.rewards(batch.rewards), batch.terminations, self.critics
         if self.config.reward == "own":
             q_next = critics.agent_values(o_next, a_next, critics.target_utilities).amin(1)

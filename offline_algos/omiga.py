@@ -118,8 +118,7 @@ class OMIGA(OfflineLearner):
         """One step on tensors [K, B, ...]; returns losses, each [K]."""
         config = self.config
         scale = self.scale
-        s = self.normalizer.states(batch.states)
-        o = self.normalizer.observations(batch.observations)
+        s, o = self.normalizer(batch.states, batch.observations)
         y = self.targets(batch)
         value_loss, z = self.value_loss(s, o, batch.actions)  # [K], [K, B, N]
         q = self.critics.q(s, o, batch.actions)[:, 0]  # [K, B]
@@ -154,8 +153,7 @@ class OMIGA(OfflineLearner):
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y of `q_loss`, [K, B], in units of scaled rewards."""
-        s_next = self.normalizer.states(batch.next_states)
-        o_next = self.normalizer.observations(batch.next_observations)
+        s_next, o_next = self.normalizer(batch.next_states, batch.next_observations)
         values = self.values(o_next, self.target_values)[..., 0]  # [K, B, N]
         v_next = self.mixer(values, information(s_next, o_next), self.critics.target_mixer)
         r = team_reward(batch.rewards) * self.rewards.scale

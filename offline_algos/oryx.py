@@ -48,14 +48,13 @@ from swarmdata.learn.memory.segments import learned_rows, take
 from swarmdata.learn.memory.sequence_actor import SequenceActor, SequenceSettings
 from swarmdata.learn.memory.sequence_networks import Mixture
 from swarmdata.learn.networks.critics import RobotViews
-from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
+from swarmdata.learn.networks.perceptrons import StackedMLP, mlp
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import batch_weights, standard_advantages
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
-from swarmdata.learn.training.actor_critic import TRANSITION, OfflineLearner
+from swarmdata.learn.training.actor_critic import TRANSITION, OfflineLearner, value_network
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
@@ -98,9 +97,7 @@ class Oryx(OfflineLearner):
         self.rewards = RobotRewards(setup.statistics, config.reward)
         normalizer = Normalizer(setup.statistics, setup.device)
         self.views = RobotViews(setup.sizes, normalizer, "centralized", setup.device)
-        shape = MLPShape(self.views.n_features, config.value_hidden, 1, layer_norm=True)
-        self.value = StackedMLP(shape, setup.n_seeds, setup.device)
-        initialize(self.value, setup.seeds, VALUE_STREAM)
+        self.value = value_network(setup, self.views.n_features, config.value_hidden)
         self.descent = Descent(
             {"actor": self.actor.network, "value": self.value}, setup.n_seeds,
             {"actor": config.learning_rate, "value": config.value_learning_rate},

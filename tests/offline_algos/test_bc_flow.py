@@ -7,6 +7,7 @@ import pytest
 import torch
 from torch import Tensor
 
+from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.offline_algos.bc import BC
 from swarmdata.offline_algos.bc_flow import BCFlow
@@ -39,7 +40,7 @@ def acted(algorithm: BCFlow, batch: Batch, z: Tensor) -> Tensor:
 def test_an_update_moves_both_and_each_by_its_own_loss() -> None:
     algorithm, batch = made(BCFlow, hidden=(8,), flow_hidden=(8,)), random_batch()
     flow, actor = algorithm.copy.flow.network, algorithm.copy.actor.network
-    x = algorithm.normalizer.information(batch.states, batch.observations)
+    x = information(*algorithm.normalizer(batch.states, batch.observations))
     before = flow.flat.clone()
     z, a = torch.randn(1, 32, 2, 2), batch.actions
     targets = algorithm.copy.targets(x, z, a, algorithm.generators)

@@ -112,9 +112,9 @@ class Normalizer:
         # normalizes observations as recorded, [..., O]
         self.observations = Standardization.of(statistics, device)
 
-    def information(self, states: Tensor, observations: Tensor) -> Tensor:
-        """Returns x, [K, B, S + N O], of states [K, B, S] and observations [K, B, N, O]."""
-        return information(self.states(states), self.observations(observations))
+    def __call__(self, states: Tensor, observations: Tensor) -> tuple[Tensor, Tensor]:
+        """Returns states, [K, B, S], and observations, [K, B, N, O], as networks see them."""
+        return self.states(states), self.observations(observations)
 
 
 Reward = Literal["own", "team"]

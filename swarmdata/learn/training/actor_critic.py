@@ -41,6 +41,7 @@ from swarmdata.learn.networks.critics import (
     RobotView,
     others_of,
 )
+from swarmdata.learn.networks.factored_critics import VALUE_STREAM
 from swarmdata.learn.networks.network_inputs import (
     Normalizer,
     generator_states,
@@ -48,6 +49,7 @@ from swarmdata.learn.networks.network_inputs import (
     restore_generators,
 )
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -212,6 +214,14 @@ def robot_critics(
         config.critic_hidden, learning_rate=config.critic_learning_rate,
         max_norm=config.max_grad_norm, device=setup.device, name=name,
     )  # fmt: skip
+
+
+def value_network(setup: Setup, n_features: int, hidden: tuple[int, ...]) -> StackedMLP:
+    """Makes the value networks of K seeds, which have LayerNorm and one output."""
+    shape = MLPShape(n_features, hidden, 1, layer_norm=True)
+    network = StackedMLP(shape, setup.n_seeds, setup.device)
+    initialize(network, setup.seeds, VALUE_STREAM)
+    return network
 
 
 def robot_valuer(
