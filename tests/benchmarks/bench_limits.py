@@ -4,7 +4,8 @@
 
 Rows: random acted one transitions windows. Everything runs on one core, in
 turns, and counts processor time, so that it can be measured beside other work. Peers that are not
-installed are left out: vmas, mpe2, torchrl, flashbax. `bench_training` measures MAPPO.
+installed are left out: vmas, mpe2, torchrl, flashbax. `bench_training` measures MAPPO. Buffers of
+peers hold the fields of our batches but the logarithms of probabilities and the next actions.
 """
 
 import os
@@ -15,12 +16,18 @@ os.environ.setdefault("XLA_FLAGS", "--xla_cpu_multi_thread_eigen=false")
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
+from dataclasses import fields
 from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from tests.benchmarks import batch_peers
+from swarmdata.types import Batch
 from tests.benchmarks.bench_worlds import (
     ALL_CORES,
     best_vmas,
@@ -28,7 +35,7 @@ from tests.benchmarks.bench_worlds import (
     record_teams,
     team,
 )
-from tests.benchmarks.engines import Run, mpe2, physics, swarm
+from tests.benchmarks.engines import Run, mpe2, physics, swarm, timed
 from tests.benchmarks.large_dataset import make_large_dataset
 from tests.benchmarks.load_formats import OURS
 from tests.benchmarks.measuring import Rate, pair, table, write_section
@@ -90,18 +97,94 @@ def one_rows() -> Iterator[Row]:
     yield from compared("steps, 4 robots, 1 copy", swarm(spec, 1), physics(spec, 1), MPE2=mpe2(4))
 
 
+STATE_NAMES, STEP_NAMES = (
+    ("observations", "states"),
+    ("actions", "rewards", "terminations", "truncations"),
+)
+
+
+def n_bytes(batch: Batch) -> int:
+    """Of all fields."""
+    values = (getattr(batch, field.name) for field in fields(batch))
+    return sum(each.nbytes for each in values if each is not None)
+
+
+def ours_batches(dataset: Dataset, batch_size: int, length: int | None) -> Run:
+    """Transitions, or windows of `length` steps."""
+    sampler = dataset.sampler(batch_size, horizon=length)
+    return timed(lambda _: next(sampler), batch_size * (length or 1))
+
+
+def copy_batches(dataset: Dataset, batch_size: int, length: int | None) -> Run:
+    """The limit: a contiguous copy of as many bytes, from the cache."""
+    size = n_bytes(next(dataset.sampler(batch_size, horizon=length)))
+    source, target = np.ones(size, np.uint8), np.empty(size, np.uint8)
+    return timed(lambda _: np.copyto(target, source), batch_size * (length or 1))
+
+
+def fancy_batches(dataset: Dataset, batch_size: int) -> Run:
+    """What users write: fancy indexing of every field, with a NumPy generator."""
+    arrays = dataset.stored.arrays
+    rng = np.random.default_rng(0)
+    episode = np.repeat(np.arange(len(dataset)), dataset.episodes.lengths)
+
+    def draw(_: int) -> list[NDArray[Any]]:
+        index = rng.integers(0, dataset.n_steps, batch_size)
+        here = index + episode[index]
+        found = [arrays[name][here + k] for name in STATE_NAMES for k in (0, 1)]
+        return found + [arrays[name][index] for name in STEP_NAMES]
+
+    return timed(draw, batch_size)
+
+
+def torchrl_batches(dataset: Dataset, batch_size: int, length: int | None) -> Run | None:
+    """TorchRL's buffer in memory, with its `SliceSampler` for windows; None if not installed."""
+    if find_spec("torchrl") is None:
+        return None
+    import torch
+
+    torch.set_num_threads(1)
+    n_steps = batch_size * (length or 1)
+    buffer = dataset.replay_buffer(n_steps, slice_length=length)
+    return timed(lambda _: buffer.sample(), n_steps)
+
+
+def flashbax_batches(dataset: Dataset, batch_size: int, length: int) -> Run | None:
+    """Its trajectory buffer, compiled by JAX for the CPU; None if not installed."""
+    if find_spec("flashbax") is None:
+        return None
+    jax: Any = import_module("jax")
+    arrays, rows = dataset.stored.arrays, dataset.sampler(1).rows.valid
+    episode = np.repeat(np.arange(len(dataset)), dataset.episodes.lengths)
+    stored = {name: arrays[name].take(rows + episode, axis=0) for name in STATE_NAMES}
+    stored |= {name: arrays[name].take(rows, axis=0) for name in STEP_NAMES}
+    make: Callable[..., Any] = import_module("flashbax").make_trajectory_buffer
+    buffer = make(
+        max_length_time_axis=len(rows) + 1, min_length_time_axis=length, add_batch_size=1,
+        sample_batch_size=batch_size, sample_sequence_length=length, period=1,
+    )  # fmt: skip
+    state = buffer.init({name: values[0] for name, values in stored.items()})
+    state = buffer.add(state, {name: values[None] for name, values in stored.items()})
+    sample, key = jax.jit(buffer.sample), jax.random.PRNGKey(0)
+
+    def draw(k: int) -> None:
+        jax.block_until_ready(sample(state, jax.random.fold_in(key, k)))
+
+    return timed(draw, batch_size * length)
+
+
 def batch_rows(dataset: Dataset, batch_size: int, length: int | None) -> Iterator[Row]:
     """Batches against the buffers of others."""
     arguments = dataset, batch_size, length
-    ours, limit = batch_peers.ours(*arguments), batch_peers.copy(*arguments)
-    TorchRL = batch_peers.torchrl(*arguments)
+    ours, limit = ours_batches(*arguments), copy_batches(*arguments)
+    TorchRL = torchrl_batches(*arguments)
     if length is None:
-        work, fancy = f"transitions, batch {batch_size}", batch_peers.fancy(dataset, batch_size)
+        work, fancy = f"transitions, batch {batch_size}", fancy_batches(dataset, batch_size)
         yield from compared(work, ours, limit, TorchRL=TorchRL)
         yield from compared(work, ours, limit, fancy_indexing=fancy)
     else:
         work = f"windows, {batch_size} x {length}"
-        flashbax = batch_peers.flashbax(dataset, batch_size, length)
+        flashbax = flashbax_batches(dataset, batch_size, length)
         yield from compared(work, ours, limit, flashbax=flashbax, SliceSampler=TorchRL)
 
 

@@ -27,12 +27,13 @@ from swarmdata.runtime.atomic import (
     staged,
     write_file,
 )
+from tests.runtime.test_locking import start
 from tests.support.tiny import abandoned
 
 HEX = "0" * 32
 
 WRITER = """
-import sys, time
+import time
 from pathlib import Path
 from swarmdata.runtime.atomic import staged
 with staged(Path(sys.argv[1])) as target:
@@ -49,11 +50,7 @@ def names(folder: Path) -> list[str]:
 
 def writer(path: Path) -> "subprocess.Popen[str]":
     """A process in the middle of writing `path`."""
-    process = subprocess.Popen(
-        [sys.executable, "-c", f"import sys; sys.path[:] = {sys.path!r}\n{WRITER}", str(path)],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
+    process = start(WRITER, path)
     assert process.stdout is not None
     assert process.stdout.readline() == "writing\n"
     return process
