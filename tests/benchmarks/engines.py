@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from swarmdata.envs.physics.backend import Plan
+from swarmdata.envs.physics.backend import Moving, Plan
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend
@@ -124,11 +124,11 @@ def physics(spec: TaskSpec, n_copies: int) -> Run:
     backend = FastBackend(Plan(spec, task.kinds, task.movables), n_copies, calls)
     robots = step.states[:, : 8 * spec.n_agents].reshape(n_copies, spec.n_agents, 8)
     bodies = step.states[:, 8 * spec.n_agents :][:, : 7 * len(task.movables)]
-    backend.reset(
-        np.arange(n_copies), step.layouts, robots[..., :6].astype(np.float64),
-        bodies.reshape(n_copies, -1, 7).astype(np.float64), limits_of(spec),
-        payload_rows(task.movables),
+    moving = Moving(
+        robots[..., :6].astype(np.float64), bodies.reshape(n_copies, -1, 7).astype(np.float64),
+        limits_of(spec), payload_rows(task.movables),
     )  # fmt: skip
+    backend.reset(np.arange(n_copies), step.layouts, moving)
     speed = spec.robots[0].max_speed
     shape = (N_ACTIONS, n_copies, spec.n_agents, 2)
     commands = np.random.default_rng(0).uniform(-speed, speed, shape)

@@ -13,7 +13,7 @@ from swarmdata.audit import content_checks, subject
 from swarmdata.audit.checks import audit
 from swarmdata.audit.findings import Finding
 from swarmdata.building.edit import subsample_dataset
-from swarmdata.cards.sections.measured_content import measure
+from swarmdata.cards.sections.measured_content import card_data_of
 from swarmdata.datasets import reobservation, reweighting
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.convert import source_digest
@@ -80,14 +80,14 @@ def test_a_copy_does_not_depend_on_reads(tiny: Path, tmp_path: Path) -> None:
         patch.setattr(mapped_pages, "READ_BYTES", 1 << 40)
         wanted = subsample_dataset(data, tmp_path / "a", id="coop_nav-some-v0", n_steps=150).digest
         export_dataset(data, tmp_path / "a.hdf5", format="d4rl")
-        copied, measured = data.transitions(), measure(data.stored)
+        copied, measured = data.transitions(), card_data_of(data.stored)
     found = subsample_dataset(data, tmp_path / "b", id="coop_nav-some-v0", n_steps=150)
     assert found.digest == wanted
     export_dataset(data, tmp_path / "b.hdf5", format="d4rl")
     assert source_digest(tmp_path / "b.hdf5") == source_digest(tmp_path / "a.hdf5")
     for name, values in data.transitions().items():
         assert values.tobytes() == copied[name].tobytes(), name
-    again = measure(data.stored)
+    again = card_data_of(data.stored)
     assert again.log_probs == measured.log_probs
     assert repr(again.coverage) == repr(measured.coverage)
     raw = {name: map_checked(tiny, data.stored.manifest, name) for name in data.stored.arrays}

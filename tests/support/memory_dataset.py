@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.sampling import Rows, Sampler, gather_transitions
+from swarmdata.datasets.sampling import Rows, Sampler
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STEP_FIELDS, Double, Episode, Int, Seeds
@@ -71,7 +71,7 @@ class MemoryDataset:
     @cached_property
     def transitions(self) -> dict[str, NDArray[Any]]:
         """All transitions, field by field."""
-        batch = gather_transitions(self.arrays, self.rows, self.rows.valid)
+        batch = self.sampler().gather(self.rows.valid)
         found = {each.name: getattr(batch, each.name) for each in fields(batch)}
         return {name: values for name, values in found.items() if values is not None}
 
