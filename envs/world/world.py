@@ -7,11 +7,10 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.envs.physics.backend import Backend, Contacts, Moving, Plan
-from swarmdata.envs.physics.dynamics import begin_step, limits_of
+from swarmdata.envs.physics.dynamics import Motors, begin_step, limits_of
 from swarmdata.envs.physics.episode_bodies import episode_limits, episode_payloads, payload_rows
 from swarmdata.envs.physics.fast_backend import FastBackend, integrates_exactly
 from swarmdata.envs.physics.kinematic import KinematicBackend
-from swarmdata.envs.physics.motors import Motors
 from swarmdata.envs.physics.munk_calls import load_addresses
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap

@@ -1,6 +1,6 @@
 """Drives: where logged robots drove under which commands, and how a unicycle would have answered.
 
-The answer is that of the simulators (`envs.physics.motors`, `dynamics`). Commands c take effect
+The answer is that of the simulators (`envs.physics.dynamics`). Commands c take effect
 `delay` steps late and the motors follow with a lag of first order,
 
     u <- u + (1 - exp(-dt / lag)) (c - u)

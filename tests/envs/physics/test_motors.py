@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 
-from swarmdata.envs.physics.motors import Motors
+from swarmdata.envs.physics.dynamics import Motors
 from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec

@@ -1,9 +1,12 @@
 """What a channel promises, whatever its model."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.episode_draws import drawn_values
@@ -77,7 +80,7 @@ def test_copies_that_are_not_active_are_untouched(name: str, draw: int) -> None:
     channel = Channel(spec, 2)
     now = blank_step(spec, channel, 2)
     now.seeds[:] = seeds
-    written = (now.sent, now.delivered, now.ages, now.observations)
+    written: list[NDArray[Any]] = [now.sent, now.delivered, now.ages, now.observations]
     for t in range(6):
         now.states[:, :32], now.times[:] = states[t], t
         before = [array.copy() for array in written]
@@ -86,7 +89,7 @@ def test_copies_that_are_not_active_are_untouched(name: str, draw: int) -> None:
         for array, old in zip(written, before, strict=True):
             np.testing.assert_array_equal(array[1], old[1])
         channel.transmit(now, now.states, actions[t], np.array([False, True]), out)
-        for array, rows in zip((*written[:3], out), expected, strict=True):
+        for array, rows in zip([*written[:3], out], expected, strict=True):
             np.testing.assert_array_equal(array, rows[t])
 
 
