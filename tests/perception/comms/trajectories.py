@@ -8,7 +8,7 @@ from swarmdata import types
 from swarmdata.perception.comms import Channel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Counts, Float, Seeds, Step
+from swarmdata.types import Bool, Counts, Double, Float, Seeds, Step
 
 GUARD = 3
 """Columns of observations before the received messages: `out` is a strided view, as in use."""
@@ -61,7 +61,7 @@ def run(
     spec: TaskSpec,
     states: Float,
     seeds: Seeds,
-    actions: Float | None = None,
+    actions: Float | Double | None = None,
     channel: Channel | None = None,
 ) -> Log:
     """Sends whole episodes, all beginning at once, through a new channel or the one given.

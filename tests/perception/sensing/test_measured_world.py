@@ -1,5 +1,7 @@
 """What robots measure, against a NumPy twin: features see the measured world and nothing else."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -106,7 +108,7 @@ def test_a_noisy_observation_is_the_exact_one_of_the_measured_world(
 ) -> None:
     """Lidar beams and who is hidden follow from the true world: beams have noise of their own."""
     noise = {**noise, "range": 0.0} if kind == "lidar" else noise
-    options = {"has_bodies": has_bodies, "has_features": True, "n_agents": 2}
+    options: dict[str, Any] = {"has_bodies": has_bodies, "has_features": True, "n_agents": 2}
     task = scenes.task({"kind": kind, "noise": noise}, **options)
     exact = scenes.task({"kind": kind}, **options)
     step = scenes.step(task, 1, seed, time)

@@ -120,7 +120,12 @@ def moved_world(task: Task, step: Step, i: int, believed: complex, error: comple
 @pytest.mark.parametrize("model", [*({"kind": kind} for kind in KINDS), BODY_FRAME])
 def test_robots_observe_the_world_as_from_where_they_believe_to_be(model: dict[str, Any]) -> None:
     """So an observation does not change where only what is hidden does: the true pose."""
-    options = {"team": TEAM, "has_bodies": True, "has_features": True, "arena": WIDE}
+    options: dict[str, Any] = {
+        "team": TEAM,
+        "has_bodies": True,
+        "has_features": True,
+        "arena": WIDE,
+    }
     drifting = scenes.task({**model, "drift": FAST}, **options)
     exact = scenes.task(model, **options)
     steps = path(drifting, n_copies=1)
