@@ -67,7 +67,7 @@ def test_an_obstacle(simulator: str, kind: int, angle: float, turn: float) -> No
     towards = np.array([math.cos(angle), math.sin(angle)])
     teams, _, events = drive([-0.6 * towards], [towards], simulator, layout, n_steps=15)
     gaps = [clearance(*t[0, :2], layout, HALF) - RADIUS for t in teams]
-    assert -TOLERANCE[simulator] < min(gaps) < 0.02
+    assert -TOLERANCE[simulator] < min(gaps) < {"pymunk": 0.02, "mujoco": 0.005}[simulator]
     assert events[0, 3] >= 1
 
 

@@ -76,7 +76,7 @@ def test_copies_that_are_not_active_are_untouched(name: str, draw: int) -> None:
     rng = np.random.default_rng(draw)
     states, seeds = make_states(rng, 6, 2, 4), seeds_from(draw, 2)
     actions = rng.uniform(-1, 1, (6, 2, 4, spec.action_size))
-    expected = run(spec, states, seeds, actions)
+    expected: tuple[NDArray[Any], ...] = run(spec, states, seeds, actions)
     channel = Channel(spec, 2)
     now = blank_step(spec, channel, 2)
     now.seeds[:] = seeds
