@@ -16,6 +16,7 @@ file is loaded. A kernel may return a zero of either sign; adding +0 makes it +0
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +27,7 @@ from safetensors.numpy import load, save
 
 from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.numerics.exact_math import tanh
-from swarmdata.perception.frames import Frame, in_world
+from swarmdata.perception.frames import NO_HEADING, Frame, in_world
 from swarmdata.runtime.atomic import write_file
 from swarmdata.types import Double, Float
 
@@ -42,7 +43,11 @@ HEARD_TENSOR = "frame.heard"
 """One more tensor, of an actor that receives messages."""
 
 BODY_TENSOR = "frame.body"
-"""One more tensor, [1] of ones, of an actor with a frame that leaves commands as they are."""
+"""One more tensor, [1] of ones, of an actor of unicycles: the anchor is their heading."""
+
+MIXED_TENSOR = "frame.mixed"
+"""One more tensor, [1 + K], of an actor of K holonomic robots and of unicycles: the index of the
+heading, then these robots."""
 
 SQUASH_TENSOR = "output.tanh"
 """One more tensor, [1] of ones, of an actor whose outputs pass through tanh."""
@@ -108,8 +113,8 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     The tensors are `input.mean` and `input.scale` [O], and for each layer, from 0,
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
     with the one-hot index of the robot appended. An actor with a frame also has `frame.anchor` [1],
-    `frame.vectors` [V], `frame.closing` [C, 2] and perhaps `frame.heard` [H, 3]; O then counts the
-    features that its frame adds.
+    `frame.vectors` [V], `frame.closing` [C, 2] and perhaps `frame.heard` [H, 3], and `frame.body`
+    or `frame.mixed` if there are unicycles; O then counts the features that its frame adds.
 
     Raises:
         CheckpointError: the file is not an actor, or is outside the bounds of exact inference.
@@ -119,10 +124,18 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     except (SafetensorError, ValueError, KeyError, TypeError) as error:
         raise CheckpointError(f"{source} is not a safetensors file: {error}") from error
     named = [name for name in tensors if name in (*FRAME_TENSORS, HEARD_TENSOR)]
-    has_body_commands = tensors.pop(BODY_TENSOR, None) is not None
-    frame = _frame(
-        {name: tensors.pop(name) for name in named}, source, turns_commands=not has_body_commands
-    )
+    body, mixed = (tensors.pop(name, None) for name in (BODY_TENSOR, MIXED_TENSOR))
+    frame = _frame({name: tensors.pop(name) for name in named}, source)
+    if frame is not None and mixed is not None:
+        heading, *holonomic = mixed.astype(int).ravel().tolist() or [NO_HEADING]
+        if heading == NO_HEADING or (n_agents and not {*holonomic} <= {*range(n_agents)}):
+            raise CheckpointError(
+                f"{source} has frame.mixed {mixed.tolist()}, expected the column of the heading, "
+                f"then robots below {n_agents}."
+            )
+        frame = replace(frame, heading=heading, holonomic=tuple(holonomic))
+    elif frame is not None and body is not None:
+        frame = replace(frame, heading=frame.anchor)
     squash = tensors.pop(SQUASH_TENSOR, None) is not None
     n_layers = sum(name.endswith(".weight") for name in tensors)
     expected = {"input.mean", "input.scale"} | {
@@ -145,7 +158,7 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     return Actor(mean, scale, layers, n_known, frame, squash)
 
 
-def _frame(tensors: dict[str, Double], source: str, *, turns_commands: bool) -> Frame | None:
+def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
     """Returns the frame in a file's tensors, None if there is none."""
     if not tensors:
         return None
@@ -157,10 +170,7 @@ def _frame(tensors: dict[str, Double], source: str, *, turns_commands: bool) -> 
             "frame.closing [C, 2] and, if it receives messages, frame.heard [H, 3]."
         )
     anchor, vectors, closing, heard = (parts[name].astype(int).tolist() for name in names)
-    return Frame(
-        anchor[0], tuple(vectors), tuple(map(tuple, closing)), tuple(map(tuple, heard)),
-        turns_commands=turns_commands,
-    )  # fmt: skip
+    return Frame(anchor[0], tuple(vectors), tuple(map(tuple, closing)), tuple(map(tuple, heard)))
 
 
 def _check_shapes(
@@ -250,7 +260,9 @@ def save_actor(
         tensors[FRAME_TENSORS[2]] = tensors[FRAME_TENSORS[2]].reshape(-1, 2)
         if frame.heard:
             tensors[HEARD_TENSOR] = np.array(frame.heard, np.int32)
-        if not frame.turns_commands:
+        if frame.holonomic:
+            tensors[MIXED_TENSOR] = np.array([frame.heading, *frame.holonomic], np.int32)
+        elif frame.heading != NO_HEADING:
             tensors[BODY_TENSOR] = np.ones(1, np.int32)
     if squash:
         tensors[SQUASH_TENSOR] = np.ones(1, np.int32)

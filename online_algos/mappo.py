@@ -188,7 +188,8 @@ class MAPPO:
     ) -> None:
         self.config, self.frames, self.seeds = config, 0, tuple(seeds)
         self.env = shape_rewards(env, config.shaping)
-        self.worlds = Worlds(self.env, seeds, find_frame(env.features, config.frame))
+        frame = find_frame(env.features, config.frame, env.spec.robots)
+        self.worlds = Worlds(self.env, seeds, frame)
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         measuring = torch_generators(seeds, "cpu")
         moments = measure_moments(self.worlds, measuring, config.rollout_steps)

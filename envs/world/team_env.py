@@ -48,7 +48,7 @@ class TeamEnv(gymnasium.Env[dict[str, Float], dict[str, Float]]):
         self.task = spec if isinstance(spec, TaskSpec) else TaskSpec.parse(dict(spec), "the spec")
         self.render_mode = render_mode
         self._world = ParallelWorld(self.task, render_mode)
-        self._frame: Frame | None = find_frame(self._world.features, frame)
+        self._frame: Frame | None = find_frame(self._world.features, frame, self.task.robots)
         self._reserved = _cycle_reserved() if reserved else None
         names = self.task.agent_names
         size = len(self._world.features) + (0 if self._frame is None else self._frame.n_added)

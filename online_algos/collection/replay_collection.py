@@ -93,7 +93,7 @@ class OffPolicy(ABC):
 
     def __init__(self, env: VecEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
         self.config, self.seeds, self.frames = config, tuple(seeds), 0
-        self.frame = find_frame(env.features, config.frame)
+        self.frame = find_frame(env.features, config.frame, env.spec.robots)
         self.worlds = Worlds(reweighted(env, config.reward_weights), seeds, self.frame)
         if self.worlds.n_copies != config.n_copies:
             raise SchemaError(

@@ -10,7 +10,8 @@ positions in metres, in the order of the senders. A frame adds the features that
 state` has for visible robots.
 
 Unicycles get a forward speed and a turn rate, in their body's axes already. Their frame is that of
-their heading: it turns what they observe, and leaves commands as they are.
+their heading, whatever the others in their team turn to: it turns what they observe, and leaves
+commands as they are.
 
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
@@ -24,13 +25,17 @@ import numpy as np
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
-from swarmdata.types import Batch, Double, Float, Int
+from swarmdata.specs.task_spec import Robot
+from swarmdata.types import Batch, Bool, Double, Float, Int
 
 HEARING_RANGE = 1.25
 """Distance (m) between the centres of robots at and beyond which the nearness of a sender is 0."""
 
 NOT_SENT = -1
 """Stands for the index of a velocity that messages do not have."""
+
+NO_HEADING = -1
+"""Stands for the index of the heading in teams without unicycles."""
 
 HEADING = "own.heading"
 """The observed direction of a unicycle; (1, 0) for the other robots of a mixed team."""
@@ -55,9 +60,11 @@ class Frame:
     its nearness, 1 - distance / `HEARING_RANGE`, and the scalar product of that vector and the own
     velocity minus the sender's. All are 0 beyond that distance, and for senders without a received
     message."""
-    turns_commands: bool = True
-    """Whether commands are vectors, which turn with the frame; False where some robots are
-    unicycles."""
+    heading: int = NO_HEADING
+    """Index of the x component of the own heading, the anchor of unicycles; their commands do not
+    turn."""
+    holonomic: tuple[int, ...] = ()
+    """The robots of a team with unicycles that are none."""
 
     @property
     def n_added(self) -> int:
@@ -87,16 +94,25 @@ class Frame:
     def fits(self, n_features: int) -> bool:
         """Whether all vectors of this frame are in observations with `n_features` features."""
         first = {self.anchor, *self.vectors, *(k for pair in self.closing for k in pair)}
+        first |= set() if self.heading == NO_HEADING else {self.heading}
         for position, own, other in self.heard:
             first |= {position, own} if other == NOT_SENT else {position, own, other}
         return min(first) >= 0 and max(first) + 1 < n_features
+
+    def turns(self, n_robots: int) -> Bool:
+        """Whether each robot turns to the anchor, and its commands with it, [N]."""
+        turns = np.full(n_robots, self.heading == NO_HEADING)
+        turns[list(self.holonomic)] = True
+        return turns
 
     def directions(self, observations: Float) -> tuple[Double, Double]:
         """Returns the unit vectors of the frame's x axis, two arrays [..., N].
 
         If the anchor has length 0, the frame is the world's.
         """
-        x, y = (observations[..., self.anchor + k].astype(np.float64) for k in (0, 1))
+        n = observations.shape[-2]
+        first = np.where(self.turns(n), self.anchor, self.heading)
+        x, y = (observations[..., np.arange(n), first + k].astype(np.float64) for k in (0, 1))
         length = np.sqrt(x * x + y * y)
         is_zero = length == 0.0
         length = np.where(is_zero, 1.0, length)
@@ -111,7 +127,9 @@ class Frame:
         size = observations.shape[-1]
         out = np.empty((*observations.shape[:-1], size + self.n_added), np.float32)
         rows = np.ascontiguousarray(observations).reshape(-1, size)
-        _turn(rows, self.anchor, *self._indices, out.reshape(-1, size + self.n_added))
+        turns = self.turns(observations.shape[-2])
+        axes = turns, self.anchor, self.heading
+        _turn(rows, *axes, *self._indices, out.reshape(-1, size + self.n_added))
         return out
 
     @cached_property
@@ -138,11 +156,11 @@ class Frame:
 
     def _rotated(self, observations: Float, actions: Float | Double, sign: float) -> Double:
         """Turns actions from this frame to the world's (sign 1), or back (sign -1)."""
-        out = actions.astype(np.float64)
-        if self.turns_commands:
-            ux, uy = self.directions(observations)
-            x, y, uy = out[..., 0].copy(), out[..., 1].copy(), sign * uy
-            out[..., 0], out[..., 1] = ux * x - uy * y, uy * x + ux * y
+        out, turns = actions.astype(np.float64), self.turns(observations.shape[-2])
+        ux, uy = self.directions(observations)
+        x, y, uy = out[..., 0].copy(), out[..., 1].copy(), sign * uy
+        out[..., 0] = np.where(turns, ux * x - uy * y, x)
+        out[..., 1] = np.where(turns, uy * x + ux * y, y)
         return out
 
     def turned(self, batch: Batch) -> Batch:
@@ -175,26 +193,40 @@ class Frame:
             observations: in the world's frame, [..., N, O].
             actions: in the world's frame, [..., N, A].
         """
-        if not self.turns_commands:
-            return actions.clip(-1, 1).astype(np.float32)
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
-        norm = np.maximum(np.sqrt(x * x + y * y), 1.0)
+        turns = self.turns(actions.shape[-2])
+        norm = np.where(turns, np.maximum(np.sqrt(x * x + y * y), 1.0), 1.0)
         clipped = actions.astype(np.float64)
         clipped[..., 0], clipped[..., 1] = x / norm, y / norm
         return self.to_local(observations, clipped).clip(-1, 1).astype(np.float32)
 
 
 @kernel
-def _turn(rows: Float, anchor: int, vectors: Int, closing: Int, heard: Int, out: Float) -> None:
-    """Writes `Frame.inputs` of observations [M, O] into [M, O + 2 + C + 3 H]."""
+def _direction(row: Float, first: int) -> tuple[float, float]:
+    """Returns the direction of the vector at column `first`; (1, 0) if its length is 0."""
+    x, y = np.float64(row[first]), np.float64(row[first + 1])
+    length = np.sqrt(x * x + y * y)
+    if length == 0.0:
+        return 1.0, 0.0
+    return x / length, y / length
+
+
+@kernel
+def _turn(
+    rows: Float,  # [M, O] observations, robot after robot
+    turns: Bool,  # [N]
+    anchor: int,
+    heading: int,
+    vectors: Int,  # [V]
+    closing: Int,  # [C, 2]
+    heard: Int,  # [H, 3]
+    out: Float,  # [M, O + 2 + C + 3 H] written
+) -> None:
+    """Writes `Frame.inputs`."""
     size = rows.shape[1]
     for m in range(len(rows)):
         row, inputs = rows[m], out[m]
-        x, y = np.float64(row[anchor]), np.float64(row[anchor + 1])
-        length = np.sqrt(x * x + y * y)
-        ux, uy = 1.0, 0.0
-        if length != 0.0:
-            ux, uy = x / length, y / length
+        ux, uy = _direction(row, anchor if turns[m % len(turns)] else heading)
         for k in range(size):
             inputs[k] = row[k]
         for k in vectors:
@@ -232,30 +264,29 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
     """Returns a policy's actions in the world's frame, within [-1, 1], [E, N, A].
 
     Worlds clip a command to a norm of 1 (`envs.physics.dynamics`) after its components. Here the
-    norm is clipped first, so that a turned command keeps its direction.
+    norm is clipped first, so that a turned command keeps its direction. Those of unicycles stay.
 
     Args:
         frame: in which the actions are; None for the world's.
         observations: in the world's frame, [E, N, O].
         actions: in [-1, 1], [E, N, A].
     """
-    if frame is None or not frame.turns_commands:
+    if frame is None:
         return actions
     turned = np.array(actions, np.float64, order="C")
     rows = np.ascontiguousarray(observations).reshape(-1, observations.shape[-1])
-    _turn_back(rows, frame.anchor, turned.reshape(-1, actions.shape[-1]))
+    turns = frame.turns(observations.shape[-2])
+    _turn_back(rows, turns, frame.anchor, turned.reshape(-1, actions.shape[-1]))
     return turned
 
 
 @kernel
-def _turn_back(rows: Float, anchor: int, actions: Double) -> None:
+def _turn_back(rows: Float, turns: Bool, anchor: int, actions: Double) -> None:
     """Turns actions [M, A] by `in_world`, in place, given observations [M, O]; NaN stays NaN."""
     for m in range(len(rows)):
-        x, y = np.float64(rows[m, anchor]), np.float64(rows[m, anchor + 1])
-        length = np.sqrt(x * x + y * y)
-        ux, uy = 1.0, 0.0
-        if length != 0.0:
-            ux, uy = x / length, y / length
+        if not turns[m % len(turns)]:
+            continue
+        ux, uy = _direction(rows[m], anchor)
         x = ux * actions[m, 0] - uy * actions[m, 1]
         y = uy * actions[m, 0] + ux * actions[m, 1]
         norm = np.sqrt(x * x + y * y)
@@ -268,37 +299,47 @@ def _turn_back(rows: Float, anchor: int, actions: Double) -> None:
                 actions[m, a] = -1.0
 
 
-def natural_anchor(features: Sequence[Feature]) -> str:
-    """Returns `own.heading` if some robots are unicycles, else `target`, if they are observed.
+def natural_anchor(features: Sequence[Feature], robots: Sequence[Robot] = ()) -> str:
+    """Returns `target`, or `own.heading` where all robots are unicycles, if they are observed.
 
-    Where neither is, as of beams and cells, it returns `world`.
+    Where they are not, as of beams and cells, it returns `world`. Arguments are those of
+    `find_frame`.
     """
     names = {feature.name for feature in features}
-    if f"{HEADING}_x" in names:
+    if f"{HEADING}_x" in names and not (_holonomic(robots) and TARGET in names):
         return HEADING
     return "target" if TARGET in names else "world"
 
 
-def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
+def _holonomic(robots: Sequence[Robot]) -> tuple[int, ...]:
+    return tuple(i for i, robot in enumerate(robots) if robot.dynamics == "holonomic")
+
+
+def find_frame(
+    features: Sequence[Feature], anchor: str, robots: Sequence[Robot] = ()
+) -> Frame | None:
     """Returns the frame of an anchor, None for the world's.
 
     Args:
         features: of an observation.
         anchor: the vector along the x axis: the name of an observed vector without its `_x`, such
             as `payload_goal`, or `target`, the robot's own; `own.heading` where some robots are
-            unicycles; `world` for no rotation; `auto` for the `natural_anchor`.
+            unicycles, which turn to it in any case; `world` for no rotation; `auto` for the
+            `natural_anchor`.
+        robots: of the team; none: if a heading is observed, all are unicycles.
 
     Raises:
         SpecError: these observations have no such vector.
     """
     if anchor == "auto":
-        anchor = natural_anchor(features)
+        anchor = natural_anchor(features, robots)
     if anchor == "world":
         return None
     has_unicycles = any(feature.name.startswith(HEADING) for feature in features)
-    if has_unicycles and anchor != HEADING:
+    others = _holonomic(robots) if has_unicycles else ()
+    if has_unicycles and not others and anchor != HEADING:
         raise SpecError(
-            f"frame {anchor!r} turns commands as vectors, but some robots are unicycles. Use frame "
+            f"frame {anchor!r} turns commands as vectors, but all robots are unicycles. Use frame "
             f"'world' or {HEADING!r}."
         )
     name = TARGET if anchor == "target" else f"{anchor}_x"
@@ -313,9 +354,8 @@ def find_frame(features: Sequence[Feature], anchor: str) -> Frame | None:
             f"'target' (where {TARGET} is observed) or one of {', '.join(known)}."
         )
     index = {feature.name: k for k, feature in enumerate(features)}
-    return Frame(
-        found[0], vectors, _closing(index), _heard(index), turns_commands=not has_unicycles
-    )
+    heading = index.get(f"{HEADING}_x", NO_HEADING)
+    return Frame(found[0], vectors, _closing(index), _heard(index), heading, others)
 
 
 def _closing(index: Mapping[str, int]) -> tuple[tuple[int, int], ...]:

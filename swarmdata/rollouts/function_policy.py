@@ -97,4 +97,4 @@ def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
                 "Use frame 'world'."
             )
         return None
-    return find_frame(features_of(make_task(spec.world)), anchor)
+    return find_frame(features_of(make_task(spec.world)), anchor, spec.world.robots)

@@ -186,12 +186,12 @@ def test_what_cannot_be_run_exactly_is_refused(
         load_actor(path.read_bytes(), 4, "bad")
 
 
-@pytest.mark.parametrize("turns_commands", [True, False])
+@pytest.mark.parametrize("unicycles", [(), (4,), (10, (0, 2))])
 @pytest.mark.parametrize("heard", [(), ((20, 2, 24), (30, 2, -1))])
 def test_an_actor_keeps_its_frame(
-    tmp_path: Path, heard: tuple[tuple[int, int, int], ...], turns_commands: bool
+    tmp_path: Path, heard: tuple[tuple[int, int, int], ...], unicycles: tuple[Any, ...]
 ) -> None:
-    frame = Frame(4, (0, 2, 4, 8), ((8, 2),), heard, turns_commands)
+    frame = Frame(4, (0, 2, 4, 8), ((8, 2),), heard, *unicycles)
     size = SIZE + frame.n_added
     path = tmp_path / "actor.safetensors"
     save_actor(path, network(inputs=size), np.zeros(size), np.ones(size), frame=frame)
@@ -204,6 +204,9 @@ def test_an_actor_keeps_its_frame(
         ({"frame.heard": np.zeros((1, 2))}, r"frame.heard \[H, 3\]"),
         ({"frame.closing": np.zeros(2)}, "has frame tensors"),
         ({"frame.heard": np.full((1, 3), SIZE)}, "features that its observations lack"),
+        ({"frame.mixed": np.array([SIZE, 0])}, "features that its observations lack"),
+        ({"frame.mixed": np.array([8, 4])}, "frame.mixed .* then robots below 4"),
+        ({"frame.mixed": np.zeros(0)}, "expected the column of the heading"),
     ],
 )
 def test_a_frame_that_does_not_fit_is_refused(

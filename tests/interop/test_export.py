@@ -118,7 +118,7 @@ def test_frames_that_a_dataset_cannot_have(
         tmp_path / "unicycles", spec=preset("coop_nav-unicycle").with_updates(horizon=40)
     )
     for dataset, frame, problem in (
-        (Dataset.open(unicycles), "target", "some robots are unicycles"),
+        (Dataset.open(unicycles), "target", "all robots are unicycles"),
         (tiny_dataset, "payload_goal", "needs the observed vector payload_goal_x"),
         (recorded, "target", "the meaning of a recorded environment's features is unknown"),
     ):

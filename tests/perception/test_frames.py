@@ -15,7 +15,6 @@ from swarmdata.perception.frames import HEARING_RANGE, Frame, find_frame, in_wor
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float
 
 FEATURES = make_env(preset("coop_nav"), 1).features
@@ -126,18 +125,20 @@ def test_senders_are_shown_by_their_nearness(payload: str) -> None:
         ("coop_nav", "occupancy", "world"),
         ("robotarium", None, "own.heading"),
         ("formation-unicycle", None, "own.heading"),
-        ("coop_nav-mixed", None, "own.heading"),
+        ("coop_nav-mixed", None, "target"),
         ("coop_nav-unicycle", "lidar", "world"),
     ],
 )
 def test_robots_turn_to_targets_and_unicycles_with_their_heading(
     task: str, sensor: str | None, anchor: str
 ) -> None:
-    features = make_env(with_models(preset(task), sensor), 1).features
-    assert natural_anchor(features) == anchor
-    frame = find_frame(features, "auto")
-    assert frame == find_frame(features, anchor)
-    assert frame is None or frame.turns_commands == (anchor == "target")
+    spec = with_models(preset(task), sensor)
+    features = make_env(spec, 1).features
+    assert natural_anchor(features, spec.robots) == anchor
+    frame = find_frame(features, "auto", spec.robots)
+    assert frame == find_frame(features, anchor, spec.robots)
+    is_holonomic = [robot.dynamics == "holonomic" for robot in spec.robots]
+    assert frame is None or frame.turns(spec.n_agents).tolist() == is_holonomic
 
 
 @pytest.mark.slow
@@ -178,12 +179,38 @@ def test_frames_are_found_by_name() -> None:
 
 
 def test_commands_of_unicycles_cannot_be_turned() -> None:
-    unicycle = {"name": "unicycle", "count": 1, "robot": {"dynamics": "unicycle"}}
-    spec = TaskSpec.parse({"team": [{"count": 2}, unicycle]})
+    spec = preset("robotarium")
     features = make_env(spec, 1).features
-    assert find_frame(features, "world") is None
-    with pytest.raises(SpecError, match="some robots are unicycles"):
-        find_frame(features, "target")
+    assert find_frame(features, "world", spec.robots) is None
+    with pytest.raises(SpecError, match="all robots are unicycles"):
+        find_frame(features, "target", spec.robots)
+
+
+def test_in_a_mixed_team_unicycles_turn_to_their_heading_and_others_to_the_anchor() -> None:
+    env = make_env(preset("coop_nav-mixed"), 4)
+    names = [feature.name for feature in env.features]
+    frame = find_frame(env.features, "target", env.spec.robots)
+    heading = find_frame(env.features, "own.heading", env.spec.robots)
+    assert frame is not None
+    assert heading is not None
+    observations = env.reset(np.arange(4, dtype=np.uint64)).observations
+    is_rover = np.array([robot.dynamics == "unicycle" for robot in env.spec.robots])
+    seen = frame.inputs(observations)
+    np.testing.assert_array_equal(seen[:, is_rover], heading.inputs(observations)[:, is_rover])
+    goal = [names.index("own.goal_dx"), names.index("own.goal_dy")]
+    ahead, aside = np.moveaxis(seen[:, ~is_rover][..., goal], -1, 0)
+    distance = np.linalg.norm(observations[:, ~is_rover][..., goal], axis=-1)
+    np.testing.assert_allclose(ahead, distance, atol=1e-5)
+    np.testing.assert_allclose(aside, 0.0, atol=1e-5)
+    actions = np.random.default_rng(0).uniform(-0.7, 0.7, (4, 4, 2))
+    there = frame.to_world(observations, actions)
+    np.testing.assert_allclose(in_world(frame, observations, actions), there, atol=1e-15)
+    np.testing.assert_array_equal(there[:, is_rover], actions[:, is_rover])
+    assert (np.abs(there - actions)[:, ~is_rover] > 1e-6).all()
+    np.testing.assert_allclose(frame.to_local(observations, there), actions, atol=1e-12)
+    fast = np.ones((4, 4, 2), np.float32)  # longer than 1: clipped where it is a vector
+    lengths = np.linalg.norm(frame.recorded(observations, fast), axis=-1)
+    np.testing.assert_allclose(lengths, np.where(is_rover, np.sqrt(2), 1.0)[None].repeat(4, 0))
 
 
 def test_unicycles_that_observe_in_their_own_frame_see_the_same_in_that_of_their_heading() -> None:
@@ -199,7 +226,7 @@ def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands(
     env = make_env(preset("intersection"), 4)
     frame = find_frame(env.features, "own.heading")
     assert frame is not None
-    assert not frame.turns_commands
+    assert not frame.turns(4).any()
     observations = env.reset(np.arange(4, dtype=np.uint64)).observations
     names = [feature.name for feature in env.features]
     inputs = frame.inputs(observations)

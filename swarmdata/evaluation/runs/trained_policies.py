@@ -155,7 +155,7 @@ def fit_policies(
     fitted: list[Policy] = []
     for policy in policies:
         if isinstance(policy, SetPolicy) and trained.action_size == offered.action_size:
-            fitted.append(policy.fitted(seen))
+            fitted.append(policy.fitted(seen, offered.robots))
             continue
         if trained.n_agents != offered.n_agents and not isinstance(policy, SetPolicy):
             raise PolicyFitError(

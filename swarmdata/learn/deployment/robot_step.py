@@ -23,7 +23,7 @@ from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.perception.frames import HEARING_RANGE, NOT_SENT, Frame
+from swarmdata.perception.frames import HEARING_RANGE, NO_HEADING, NOT_SENT, Frame
 
 Portable = TorchPolicy | BinPolicy | ChoicePolicy | RecurrentPolicy
 """Policies that can be exported."""
@@ -51,12 +51,12 @@ class RobotStep(nn.Module, ABC):
         found = {"observation": observation, "robot": torch.zeros(n_rows).long()}
         return found | ({"memory": torch.zeros(n_rows, self.memory)} if self.memory else {})
 
-    def features(self, observation: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def features(self, observation: Tensor, robot: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Returns normalized inputs of every slot, [B, N, F], and the frame's x axis, two [B]."""
         values = observation.double()
         ux, uy = torch.ones_like(values[:, 0]), torch.zeros_like(values[:, 0])
         if self._frame is not None:
-            ux, uy = directions(self._frame, values)
+            ux, uy = directions(self._frame, values, robot)
             values = framed(self._frame, values, ux, uy)
         normal = standardize(values.float().double(), self._mean, self._std)
         return normal[:, None].expand(-1, self.n_robots, -1), ux, uy
@@ -65,13 +65,17 @@ class RobotStep(nn.Module, ABC):
         """Returns the action of the robot's slot in the world's frame, float32 [B, A]."""
         rows = robot[:, None, None].expand(-1, 1, actions.shape[-1])
         local = actions.gather(1, rows)[:, 0]
-        if self._frame is None or not self._frame.turns_commands:
+        frame = self._frame
+        if frame is None or (frame.heading != NO_HEADING and not frame.holonomic):
             return local.float()
         x, y = local[:, 0], local[:, 1]
         x, y = ux * x - uy * y, uy * x + ux * y
         norm = torch.sqrt(x * x + y * y).clamp(min=1.0)
         turned = torch.cat([(x / norm)[:, None], (y / norm)[:, None], local[:, 2:]], -1)
-        return turned.clamp(-1.0, 1.0).float()
+        turned = turned.clamp(-1.0, 1.0)
+        if frame.holonomic:
+            turned = torch.where(_is_holonomic(frame, robot)[:, None], turned, local)
+        return turned.float()
 
 
 class DirectStep(RobotStep):
@@ -82,7 +86,7 @@ class DirectStep(RobotStep):
         self._policy = policy
 
     def forward(self, observation: Tensor, robot: Tensor) -> Tensor:
-        features, ux, uy = self.features(observation)
+        features, ux, uy = self.features(observation, robot)
         return self.in_world(self.team_actions(features), robot, ux, uy)
 
     def team_actions(self, features: Tensor) -> Tensor:
@@ -105,7 +109,7 @@ class RememberingStep(RobotStep):
 
     def forward(self, observation: Tensor, robot: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
         layers, parameters = self._policy.layers, self._policy.parameters
-        features, ux, uy = self.features(observation)
+        features, ux, uy = self.features(observation, robot)
         before = memory.double()[:, None].expand(-1, self.n_robots, -1)
         rows = to_rows(features[None], parameters)
         after = next_memory(layers, rows, by_network(before[None], parameters))
@@ -175,9 +179,18 @@ def description(
     return {**about, "robots": list(robots), "features": named, "memory": step.memory}
 
 
-def directions(frame: Frame, observation: Tensor) -> tuple[Tensor, Tensor]:
-    """`Frame.directions` of observations [B, O]."""
+def _is_holonomic(frame: Frame, robot: Tensor) -> Tensor:
+    """Whether robots [B] of a team with unicycles are none."""
+    return torch.stack([(robot == i).double() for i in frame.holonomic], 1).sum(1) > 0.0
+
+
+def directions(frame: Frame, observation: Tensor, robot: Tensor) -> tuple[Tensor, Tensor]:
+    """`Frame.directions` of observations [B, O] of robots [B]."""
     x, y = observation[:, frame.anchor], observation[:, frame.anchor + 1]
+    if frame.holonomic:
+        hx, hy = observation[:, frame.heading], observation[:, frame.heading + 1]
+        is_holonomic = _is_holonomic(frame, robot)
+        x, y = torch.where(is_holonomic, x, hx), torch.where(is_holonomic, y, hy)
     length = torch.sqrt(x * x + y * y)
     is_zero = length == 0.0
     length = torch.where(is_zero, torch.ones_like(length), length)

@@ -107,8 +107,8 @@ def told_actions(frame: Frame | None, observations: Tensor, actions: Tensor) -> 
     ux, uy = observations[..., axis, None], observations[..., axis + 1, None]  # [..., N, 1]
     wx, wy = ux.transpose(-1, -2), uy.transpose(-1, -2)
     cosines, sines = ux * wx + uy * wy, ux * wy - uy * wx  # [..., N, N]
-    if frame.turns_commands:
-        x, y = told[..., 0], told[..., 1]
-        turned = torch.stack([cosines * x - sines * y, sines * x + cosines * y], -1)
-        told = torch.cat([turned, told[..., 2:]], -1)
+    x, y = told[..., 0], told[..., 1]
+    turned = torch.stack([cosines * x - sines * y, sines * x + cosines * y], -1)
+    turns = torch.from_numpy(frame.turns(n_agents)).to(told.device)[:, None]  # of the tellers
+    told = torch.cat([torch.where(turns, turned, told[..., :2]), told[..., 2:]], -1)
     return torch.cat([told, cosines[..., None], sines[..., None]], -1)

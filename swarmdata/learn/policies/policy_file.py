@@ -25,7 +25,7 @@ from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, parse_checkpoint, save_checkpoint
 from swarmdata.learn.training.run_files import POLICIES, last_policy_path
 from swarmdata.perception.feature_slots import Slots
-from swarmdata.perception.frames import Frame
+from swarmdata.perception.frames import NO_HEADING, Frame
 
 KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind
@@ -146,9 +146,10 @@ def _decoded(
     if frame := values.get("frame"):
         closing = tuple((near, speed) for near, speed in frame["closing"])
         heard = tuple((x, robot, other) for x, robot, other in frame.get("heard", ()))  # newer
+        older = NO_HEADING if frame.get("turns_commands", True) else frame["anchor"]
         values["frame"] = Frame(
             frame["anchor"], tuple(frame["vectors"]), closing, heard,
-            turns_commands=frame.get("turns_commands", True),  # newer
+            frame.get("heading", older), tuple(frame.get("holonomic", ())),
         )  # fmt: skip
     if slots := values.get("slots"):
         values |= {"slots": Slots.parse(slots), "hidden": tuple(values["hidden"])}

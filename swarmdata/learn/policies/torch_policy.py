@@ -17,6 +17,7 @@ from swarmdata.perception.feature_slots import Slots, slots_of
 from swarmdata.perception.frames import Frame, find_frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.specs.features import Feature
+from swarmdata.specs.task_spec import Robot
 from swarmdata.types import Float, Int, Step
 
 
@@ -233,16 +234,17 @@ class SetPolicy(Memoryless):
         local = actions.reshape(*observations.shape[:2], -1)
         return in_world(self.frame, observations, local).astype(np.float32)
 
-    def fitted(self, features: Sequence[Feature]) -> "SetPolicy":
+    def fitted(self, features: Sequence[Feature], robots: Sequence[Robot]) -> "SetPolicy":
         """Returns the same policy for observations with other numbers of slots.
 
         Args:
             features: of one robot's observation.
+            robots: of the team.
 
         Raises:
             PolicyFitError: the own features, the kinds of slots or their fields differ.
             SpecError: the vector that the frame turns with is not observed.
         """
-        frame = find_frame(features, self.anchor)
+        frame = find_frame(features, self.anchor, robots)
         slots = slots_of(tuple(feature.name for feature in features), frame)
         return replace(self, frame=frame, slots=slots.in_order_of(self.slots))

@@ -55,9 +55,12 @@ CASES = (
 )
 
 
-def unicycles(folder: Path) -> Dataset:
-    spec = TaskSpec.parse({"team": [{"count": 4, "robot": {"dynamics": "unicycle"}}]})
-    return Dataset.open(make_tiny(folder / "unicycles", spec=spec))
+def mixed_team(folder: Path, n_unicycles: int) -> Dataset:
+    """Of four robots, the last of them unicycles."""
+    unicycle = {"name": "unicycle", "count": n_unicycles, "robot": {"dynamics": "unicycle"}}
+    others = [{"count": 4 - n_unicycles}] if n_unicycles < 4 else []
+    spec = TaskSpec.parse({"team": [*others, unicycle]})
+    return Dataset.open(make_tiny(folder / "mixed", spec=spec))
 
 
 def names_of(dataset: Dataset) -> dict[str, Any]:

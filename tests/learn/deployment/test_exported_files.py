@@ -17,9 +17,9 @@ from swarmdata.types import Float
 from tests.learn.deployment.small_policies import (
     CASES,
     Case,
+    mixed_team,
     names_of,
     trained,
-    unicycles,
     with_own_networks,
 )
 
@@ -115,9 +115,10 @@ def test_a_robot_acts_as_in_the_team(case: Case, tiny: Dataset, path: Path) -> N
     check(*case.trained(tiny, path.parent), path)
 
 
-def test_a_unicycle_acts_in_the_frame_of_its_heading(path: Path) -> None:
-    dataset = unicycles(path.parent)
-    check(trained("bc", dataset, path.parent, "own.heading"), dataset, path)
+@pytest.mark.parametrize("n_unicycles", [2, 4])
+def test_a_unicycle_acts_in_the_frame_of_its_heading(n_unicycles: int, path: Path) -> None:
+    dataset = mixed_team(path.parent, n_unicycles)
+    check(trained("bc", dataset, path.parent, "auto"), dataset, path)
 
 
 def test_a_robot_remembers(tiny: Dataset, path: Path) -> None:

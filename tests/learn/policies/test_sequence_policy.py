@@ -70,10 +70,11 @@ def test_told_actions_are_turned_into_the_hearers_frame(data: Dataset, frame: Fr
         np.testing.assert_allclose(told[:, i, :, :2].numpy(), expected, atol=1e-6)
     own = told[:, range(n_agents), range(n_agents), 2:]
     torch.testing.assert_close(own, torch.tensor([1.0, 0.0]).double().expand_as(own))
-    fixed = replace(frame, turns_commands=False)  # of unicycles, which get speed and turn rate
+    mixed = replace(frame, heading=0, holonomic=(1, 2, 3))  # robot 0 gets speed and turn rate
     local = torch.from_numpy(world).double()
-    unturned = told_actions(fixed, seen, local)[..., :2]
-    assert torch.equal(unturned, local[:, None].expand_as(unturned))
+    unturned = told_actions(mixed, seen, local)
+    assert torch.equal(unturned[:, :, 0, :2], local[:, None, 0].expand(-1, n_agents, -1))
+    assert torch.equal(unturned[:, :, 1:], told_actions(frame, seen, local)[:, :, 1:])
 
 
 def test_what_needs_robots_that_act_alone_refuses_it(data: Dataset) -> None:

@@ -53,10 +53,10 @@ def test_a_policy_comes_back_as_it_was_and_acts_in_other_teams(
         save_policy(tmp_path / "policy.safetensors", policy)
         read = load_policy(tmp_path / "policy.safetensors")
         assert isinstance(read, SetPolicy)
-        actions = policy.fitted(features).act(step)
+        actions = policy.fitted(features, spec.robots).act(step)
         assert actions.shape == (2, 16, 2)
         assert actions.dtype == np.float32
-        np.testing.assert_array_equal(read.fitted(features).act(step), actions)
+        np.testing.assert_array_equal(read.fitted(features, spec.robots).act(step), actions)
         with pytest.raises(SchemaError, match="features of any number of robots"):
             policy.act(step)
 
@@ -66,7 +66,7 @@ def test_robots_in_another_order_act_alike(runs: Path) -> None:
     step = make_env(spec, 3).reset(np.arange(3, dtype=np.uint64))
     order = np.random.default_rng(0).permutation(8)
     for policy in policies(runs / "bc-deep_sets"):
-        fitted = policy.fitted(features_of(make_task(spec)))
+        fitted = policy.fitted(features_of(make_task(spec)), spec.robots)
         actions = fitted.actions(step.observations)
         turned = fitted.actions(step.observations[:, order])
         np.testing.assert_allclose(turned, actions[:, order], atol=1e-6)
