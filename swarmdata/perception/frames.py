@@ -19,6 +19,7 @@ The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the sam
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -199,6 +200,17 @@ class Frame:
         clipped = actions.astype(np.float64)
         clipped[..., 0], clipped[..., 1] = x / norm, y / norm
         return self.to_local(observations, clipped).clip(-1, 1).astype(np.float32)
+
+
+def current_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a `Frame` as files have them, in those of older files too.
+
+    These said with `turns_commands` False that the anchor is the heading of unicycles.
+    """
+    found = dict(fields)
+    if not found.pop("turns_commands", True):
+        found["heading"] = found["anchor"]
+    return found
 
 
 @kernel

@@ -25,7 +25,7 @@ from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.training.checkpoint import load_checkpoint, parse_checkpoint, save_checkpoint
 from swarmdata.learn.training.run_files import POLICIES, last_policy_path
 from swarmdata.perception.feature_slots import Slots
-from swarmdata.perception.frames import NO_HEADING, Frame
+from swarmdata.perception.frames import NO_HEADING, Frame, current_fields
 
 KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind
@@ -143,13 +143,13 @@ def _decoded(
     values |= {name: tensor for name, tensor in own.items() if "." not in name}
     expected = {field.name for field in fields(kind)}  # type: ignore[arg-type]
     values |= {name: _layers(own, name) for name in LAYER_FIELDS if name in expected}
-    if frame := values.get("frame"):
+    if values.get("frame"):
+        frame = current_fields(values["frame"])
         closing = tuple((near, speed) for near, speed in frame["closing"])
         heard = tuple((x, robot, other) for x, robot, other in frame.get("heard", ()))  # newer
-        older = NO_HEADING if frame.get("turns_commands", True) else frame["anchor"]
         values["frame"] = Frame(
             frame["anchor"], tuple(frame["vectors"]), closing, heard,
-            frame.get("heading", older), tuple(frame.get("holonomic", ())),
+            frame.get("heading", NO_HEADING), tuple(frame.get("holonomic", ())),
         )  # fmt: skip
     if slots := values.get("slots"):
         values |= {"slots": Slots.parse(slots), "hidden": tuple(values["hidden"])}

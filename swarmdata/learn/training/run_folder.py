@@ -3,9 +3,10 @@
 import dataclasses
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import torch
+from pydantic import BeforeValidator
 from torch import Tensor
 
 from swarmdata.datasets.action_scaling import choices_of
@@ -21,7 +22,7 @@ from swarmdata.learn.training.run_files import (
     KEPT,
 )
 from swarmdata.learn.training.settings import from_json
-from swarmdata.perception.frames import Frame
+from swarmdata.perception.frames import Frame, current_fields
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
 from swarmdata.specs.origins import AnySpec
@@ -29,6 +30,10 @@ from swarmdata.store.arrays.column_meanings import state_layout
 
 COMPACT = "is_compact"
 """In the metadata of a checkpoint that lacks what policies do not need."""
+
+
+def _frame_of(fields: Any) -> Any:
+    return current_fields(fields) if isinstance(fields, dict) else fields
 
 
 class OfflineRun(Description):
@@ -44,7 +49,8 @@ class OfflineRun(Description):
     spec: AnySpec
     own_spec: AnySpec | None = None  # as recorded, where `spec` has other models; None: `spec`
     spec_hash: str
-    frame: Frame | None = None  # that the robots see and act in; None: the world's
+    frame: Annotated[Frame | None, BeforeValidator(_frame_of)] = None
+    """That the robots see and act in; None: the world's."""
     n_agents: Count
     observation_size: Count  # what the frame adds included
     action_size: Count
