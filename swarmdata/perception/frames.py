@@ -65,7 +65,7 @@ class Frame:
     """Index of the x component of the own heading, the anchor of unicycles; their commands do not
     turn."""
     holonomic: tuple[int, ...] = ()
-    """The robots of a team with unicycles that are none."""
+    """The robots of a mixed team that are not unicycles."""
 
     @property
     def n_added(self) -> int:
@@ -203,9 +203,10 @@ class Frame:
 
 
 def current_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """The fields of a `Frame` as files have them, in those of older files too.
+    """Returns the fields of a `Frame`, given those in a file.
 
-    These said with `turns_commands` False that the anchor is the heading of unicycles.
+    Older files have `turns_commands` instead of `heading`; where it is False, the anchor is the
+    heading of unicycles.
     """
     found = dict(fields)
     if not found.pop("turns_commands", True):

@@ -180,7 +180,7 @@ def description(
 
 
 def _is_holonomic(frame: Frame, robot: Tensor) -> Tensor:
-    """Whether robots [B] of a team with unicycles are none."""
+    """Whether each of these robots of a mixed team, [B], is holonomic."""
     return torch.stack([(robot == i).double() for i in frame.holonomic], 1).sum(1) > 0.0
 
 
