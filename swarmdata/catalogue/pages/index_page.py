@@ -49,6 +49,11 @@ QUESTIONS = (
         "nearly all episodes are solved without a contact",
     ),
     (
+        "cope with robots of several kinds?",
+        ("coop_nav-mixed-medium", "coop_nav-mixed-expert"),
+        "scouts, a rover that cannot move sideways and a slow carrier",
+    ),
+    (
         "drive differential robots?",
         ("robotarium-medium", "robotarium-expert"),
         "the speeds, sizes and rules of a public testbed",
