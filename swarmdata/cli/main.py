@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -348,7 +349,7 @@ def references(
         with failures.item(task):
             table = measure_references(task, episodes, backend=backend)
             name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
-            entries = {name: table.model_dump(mode="json")}
+            entries = {name: asdict(table)}
             if out is None:
                 typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))
             else:

@@ -46,6 +46,7 @@ from swarmdata.specs.sensing_models import (
     StateModel,
 )
 from swarmdata.specs.spaces import BoxSpace, Space
+from swarmdata.specs.world_version import WORLD_VERSION
 
 Backend = Literal["pymunk", "kinematic", "mujoco"]
 """What simulates a world: see `swarmdata.envs.physics`."""
@@ -53,9 +54,6 @@ Backend = Literal["pymunk", "kinematic", "mujoco"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 OneTask = TypeVar("OneTask", bound=TaskRules)
-
-WORLD_VERSION = 1
-"""The version of the worlds that this package simulates: their physics and rewards are frozen."""
 
 ROW_SHAPES = "swarmdata.store.arrays.row_shapes:task_row_shapes"
 """What gives the widths of a task's arrays: they follow from its code, which needs its spec."""

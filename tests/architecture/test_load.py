@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -47,7 +48,7 @@ def test_what_is_read_imports_little(use: str, tmp_path: Path, cache_folder: Pat
     folder = cache_folder / "datasets" / "coop_nav-own-v0"
     write_release(folder, [30, 70], "coop_nav-own-v0")
     entry = tmp_path / "entry.json"
-    entry.write_text(publication(open_store(folder)).model_dump_json())
+    entry.write_text(json.dumps(asdict(publication(open_store(folder)))))
     code = f"{USES[use].format(entry=str(entry))}; {REPORT}"
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True

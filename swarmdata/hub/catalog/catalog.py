@@ -17,13 +17,14 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetError, SpecError, SwarmdataError
 from swarmdata.hub.catalog.identity import judge, misnamed
 from swarmdata.hub.catalog.request import Request, cached, cached_ids, is_offline, parse_request
+from swarmdata.registry.outlines import Outline, outlines
 from swarmdata.registry.published import (
     Reference,
     published,
     references,
     references_of,
 )
-from swarmdata.registry.recipes import FAMILY_SPECS, Outline, outlines, shipped_recipes
+from swarmdata.registry.recipes import FAMILY_SPECS, shipped_recipes
 from swarmdata.runtime.documents import MAX_JSON_BYTES
 from swarmdata.runtime.own_components import import_function
 from swarmdata.runtime.regular_files import read_regular

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -124,7 +124,7 @@ def make_again(
 def differences(dataset: str, entry: Published, found: Published) -> tuple[Difference, ...]:
     """What differs but for versions and platform, which alone are no difference."""
     mine, theirs = (
-        dict(_values("", each.model_dump(exclude={"made_with"}))) for each in (found, entry)
+        dict(_values("", asdict(replace(each, made_with={})))) for each in (found, entry)
     )
     return tuple(
         Difference(dataset, what, _shown(theirs.get(what)), _shown(mine.get(what)))

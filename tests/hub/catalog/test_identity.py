@@ -4,7 +4,7 @@ import json
 import shutil
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -164,7 +164,7 @@ def test_what_was_built_here_is_known_to_be(
     tmp_path: Path, published: Published, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By a record in the cache, which a copy from elsewhere does not bring along."""
-    other = published.model_copy(update={"digest": "0" * 64})
+    other = replace(published, digest="0" * 64)
     monkeypatch.setattr(identity, "published", lambda: {TINY.id: other})
     folder = build(TINY, tmp_path / "d", workers=1, progress=False)
     found = judge(read_manifest(folder))
@@ -173,7 +173,7 @@ def test_what_was_built_here_is_known_to_be(
     assert "so this machine computes something else" in found.sentence
     with pytest.warns(RebuiltDifferentlyWarning, match="built here"):
         load(folder)
-    older = other.model_copy(update={"made_with": {"pymunk": "1.2.3"}})
+    older = replace(other, made_with={"pymunk": "1.2.3"})
     monkeypatch.setattr(identity, "published", lambda: {TINY.id: older})
     assert "instead of 1.2.3" in judge(read_manifest(folder)).sentence
 
