@@ -9,8 +9,8 @@ from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCE
 from swarmdata.cards.card import card_of
 from swarmdata.cards.references import reference_bytes
 from swarmdata.errors import SwarmdataError
-from swarmdata.registry.outlines import STRICT_FAMILIES
 from swarmdata.registry.published import (
+    STRICT_FAMILIES,
     TaskReferences,
     changed_versions,
     published,

@@ -48,8 +48,18 @@ from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError, printable
 
 
+def _unset(option: Any) -> Any:
+    """The option `--help`, whose default is a value that typer does not check with pydantic."""
+    if option is not None:
+        option.default = False
+    return option
+
+
 class _Group(TyperGroup):
     """Turns expected errors into one-line messages, and Ctrl-C into exit code 130."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        return _unset(super().get_help_option(ctx))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Lists the commands in sections."""
@@ -83,6 +93,9 @@ class _Group(TyperGroup):
 
 class _Command(TyperCommand):
     """Lists options that are for one case only, such as `with --task: ...`, in a section of it."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        return _unset(super().get_help_option(ctx))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Lists the arguments, the options of every case, and those of each."""
@@ -234,7 +247,7 @@ def _root(
 
 def list_command() -> None:
     """List the published datasets, then others in the cache."""
-    from swarmdata.hub.catalog.catalog import list_datasets, own_datasets
+    from swarmdata.hub.catalog.listing import list_datasets, own_datasets
 
     own, problems = own_datasets()
     every = [*list_datasets(), *own]
@@ -254,8 +267,9 @@ def info(dataset: IdOrPath) -> None:
 
     Takes the ids of published datasets, those in the cache, and folders.
     """
-    from swarmdata.hub.catalog.catalog import dataset_folder, find_folder, list_datasets
+    from swarmdata.hub.catalog.catalog import find_folder
     from swarmdata.hub.catalog.identity import judge, misnamed
+    from swarmdata.hub.catalog.listing import dataset_folder, list_datasets
     from swarmdata.hub.remotes.outside_names import is_folder
     from swarmdata.registry.recipes import find_recipe, is_dataset
     from swarmdata.store import open_store

@@ -65,8 +65,8 @@ def pull(
     from swarmdata.hub.remotes.addresses import configured_remotes
     from swarmdata.hub.remotes.outside_names import is_address
     from swarmdata.hub.remotes.release_lookup import find_release, locate
+    from swarmdata.runtime.cache_folder import cache_folder
     from swarmdata.store import read_manifest
-    from swarmdata.store.cache import cache_folder
 
     if is_address(dataset) and origin is not None:
         raise typer.BadParameter("an address already names the remote", param_hint="--from")

@@ -8,19 +8,19 @@ from typing import Annotated
 from pydantic import Field
 
 from swarmdata.errors import BuildError, UnknownNameError
-from swarmdata.registry.lazy_table import LazyTable
-from swarmdata.registry.outlines import (
+from swarmdata.registry.presets import preset
+from swarmdata.registry.published import (
     ACTION_NOISE_STD,
     CONVENTION_FAMILIES,
     FAMILIES,
     NEWEST_VERSION,
     STRICT_FAMILIES,
     TIERS,
+    LazyTable,
     Outline,
     checkpoint_index,
     outlines,
 )
-from swarmdata.registry.presets import preset
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import PolicySource, Recipe

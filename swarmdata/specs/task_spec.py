@@ -15,6 +15,7 @@ from pydantic import (
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.runtime.own_components import import_component
+from swarmdata.specs import WORLD_VERSION
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.frozen import Frozen, is_file, is_inline
@@ -46,7 +47,6 @@ from swarmdata.specs.sensing_models import (
     StateModel,
 )
 from swarmdata.specs.spaces import BoxSpace, Space
-from swarmdata.specs.world_version import WORLD_VERSION
 
 Backend = Literal["pymunk", "kinematic", "mujoco"]
 """What simulates a world: see `swarmdata.envs.physics`."""

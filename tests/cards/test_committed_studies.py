@@ -7,7 +7,7 @@ import pytest
 
 from swarmdata.cards.committed_studies import committed_studies, read_estimates, read_studies
 from swarmdata.errors import StudyError
-from swarmdata.registry.outlines import NEWEST_VERSION
+from swarmdata.registry.published import NEWEST_VERSION
 from swarmdata.registry.recipes import is_dataset
 
 STUDIES = Path(str(files("swarmdata.cards"))) / "studies"

@@ -8,9 +8,8 @@ from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, out_of_band
 from swarmdata.cards.sections.origin import tier_section
 from swarmdata.cards.sections.problem import definitions_section, reward_section
 from swarmdata.registry.components import make_task
-from swarmdata.registry.outlines import FAMILIES, STRICT_FAMILIES
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import published, references
+from swarmdata.registry.published import FAMILIES, STRICT_FAMILIES, published, references
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints, shipped_recipes
 
 

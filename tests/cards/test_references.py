@@ -9,9 +9,9 @@ import pytest
 from swarmdata.cards.references import gap_section, interval, reference_bytes, summarize
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
-from swarmdata.registry.outlines import FAMILIES
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import (
+    FAMILIES,
     TaskReferences,
     references,
     references_of,

@@ -7,8 +7,7 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.evaluation.runs.train import train
 from swarmdata.hub.catalog.catalog import load
-from swarmdata.registry.outlines import CONVENTION_FAMILIES
-from swarmdata.registry.published import references
+from swarmdata.registry.published import CONVENTION_FAMILIES, references
 from swarmdata.registry.recipes import FAMILY_SPECS
 from swarmdata.rollouts.evaluate import evaluate
 

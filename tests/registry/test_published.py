@@ -1,12 +1,19 @@
 """The package's files of published datasets and references hold what their readers take as read."""
 
 import re
+from collections.abc import Mapping
 from importlib.resources import files
-from itertools import chain
 
 from pydantic import ConfigDict, TypeAdapter
 
-from swarmdata.registry.published import Figures, Published, TaskReferences, published, references
+from swarmdata.registry.published import (
+    Figures,
+    Interval,
+    Published,
+    TaskReferences,
+    published,
+    references,
+)
 
 SHA256 = re.compile("[0-9a-f]{64}")
 FINITE = ConfigDict(allow_inf_nan=False)
@@ -41,6 +48,9 @@ def test_every_reference_is_possible() -> None:
     for name, entry in entries.items():
         assert SHA256.fullmatch(entry.spec_hash), name
         assert entry.n_episodes >= 1, name
-        rows = chain(entry.policies.values(), entry.gaps.values())
+        rows: list[Mapping[str, Interval | None]] = [
+            *entry.policies.values(),
+            *entry.gaps.values(),
+        ]
         found = [each for row in rows for each in row.values() if each is not None]
         assert all(each.low <= each.value <= each.high for each in found), name

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.registry.outlines import TIERS
+from swarmdata.registry.published import TIERS
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import (

@@ -23,8 +23,8 @@ from swarmdata.registry.components import (
     make_policy,
     make_task,
 )
-from swarmdata.registry.outlines import TIERS, TRAINED_TIERS
 from swarmdata.registry.presets import find_spec
+from swarmdata.registry.published import TIERS, TRAINED_TIERS
 from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes, sources
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.rollouts.side_policy import play_sides

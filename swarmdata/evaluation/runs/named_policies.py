@@ -13,8 +13,8 @@ from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import find_run
 from swarmdata.registry.components import POLICIES, checkpoint_free_policies, policy_class
 from swarmdata.registry.components import make_policy as make_registered
-from swarmdata.registry.outlines import TRAINED_TIERS
 from swarmdata.registry.presets import find_spec
+from swarmdata.registry.published import TRAINED_TIERS
 from swarmdata.registry.recipes import FAMILY_SPECS, sources
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra

@@ -10,8 +10,8 @@ from typing import Literal
 from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.recipes import shipped_recipes
+from swarmdata.runtime.cache_folder import was_built_here
 from swarmdata.store import Manifest
-from swarmdata.store.cache import was_built_here
 
 Kind = Literal["published", "rebuilt", "another", "unknown"]
 

@@ -23,12 +23,12 @@ from swarmdata.errors import (
     UnknownNameError,
 )
 from swarmdata.hub.catalog.identity import judge
+from swarmdata.hub.catalog.listing import cached_ids
 from swarmdata.hub.catalog.request import (
     OFFLINE_VARIABLES,
     Found,
     Request,
     cached,
-    cached_ids,
     lost_edit,
     request_of_id,
     request_of_recipe,

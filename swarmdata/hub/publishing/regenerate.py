@@ -11,15 +11,15 @@ from tqdm import tqdm
 
 from swarmdata.building.build import build
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
-from swarmdata.hub.catalog.catalog import dataset_folder
+from swarmdata.hub.catalog.listing import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes
 from swarmdata.runtime.batches import Failures
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
-from swarmdata.store.cache import cache_folder
 from swarmdata.store.manifest import is_finished
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import remove_scratch, scratch_folder

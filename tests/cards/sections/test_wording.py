@@ -10,9 +10,8 @@ from swarmdata.cards.sections.wording import (
     TIER_LIMITS,
     limits_of,
 )
-from swarmdata.registry.outlines import STRICT_FAMILIES
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import published
+from swarmdata.registry.published import STRICT_FAMILIES, published
 from swarmdata.registry.recipes import find_recipe, shipped_recipes
 from swarmdata.specs.rules import PACKAGE_RULES
 

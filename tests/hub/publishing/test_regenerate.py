@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
-from swarmdata.hub.catalog.catalog import dataset_folder
+from swarmdata.hub.catalog.listing import dataset_folder
 from swarmdata.hub.publishing import regenerate
 from swarmdata.hub.publishing.regenerate import (
     Check,

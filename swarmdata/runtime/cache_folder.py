@@ -4,12 +4,15 @@ import contextlib
 import json
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from platformdirs import user_cache_path
 
 from swarmdata.errors import DatasetNotFoundError
 from swarmdata.runtime.atomic import write_file
-from swarmdata.store.manifest import Manifest
+
+if TYPE_CHECKING:
+    from swarmdata.store.manifest import Manifest
 
 
 def cache_folder() -> Path:
@@ -29,7 +32,7 @@ def cache_folder() -> Path:
     return folder
 
 
-def note_build(manifest: Manifest) -> None:
+def note_build(manifest: "Manifest") -> None:
     """Records that a dataset was built here, for `was_built_here`.
 
     The record is beside the datasets, not in them: it neither travels with a copy nor survives a
@@ -42,11 +45,11 @@ def note_build(manifest: Manifest) -> None:
         write_file(record, json.dumps(content).encode())
 
 
-def was_built_here(manifest: Manifest) -> bool:
+def was_built_here(manifest: "Manifest") -> bool:
     """Whether a dataset of these arrays and this recipe was built here."""
     return _record(manifest).is_file()
 
 
-def _record(manifest: Manifest) -> Path:
+def _record(manifest: "Manifest") -> Path:
     name = f"{manifest.recipe_hash[:32]}-{manifest.digest[:32]}.json"
     return cache_folder() / "built" / name
