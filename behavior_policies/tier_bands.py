@@ -19,6 +19,7 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "pursuit": {"success": 0.95, "clean_success": 0.5},
         "coop_nav-corridor-strict": {"success": 0.95},
         "coop_nav-swap-strict": {"success": 0.95},
+        "warehouse-n8": {"success": 0.9, "clean_success": 0.4},
         "robotarium": {"success": 0.95, "clean_success": 0.75},
         "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-ranks": {"success": 0.95, "clean_success": 0.85},

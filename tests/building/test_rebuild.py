@@ -12,6 +12,7 @@ LEARNED, FEW = "coop_nav-medium-mini", 4000
 
 
 def test_a_mini_dataset_rebuilds_to_its_published_digest() -> None:
+    """With workers, as for users: the one default test in which a build ends in processes."""
     dataset = swarmdata.load("coop_nav-medium-mini", progress=False)
     assert dataset.source == "rebuilt"
     assert dataset.digest == published()[dataset.id].digest

@@ -93,7 +93,7 @@ def survived(operation: Operation, root: Path, stride: int) -> tuple[int, int]:
     """Returns the number of changes, and how many of the kills were survived: all, or it raises."""
     reference = root / "reference"
     operation.prepare(reference)
-    assert forked(lambda: operation.run(reference)) == 0
+    operation.run(reference)  # here, so that no child has to import what it needs
     expected = contents(reference)
     for k, n_kills in zip(range(0, 10**6, stride), range(10**6), strict=False):
         place = root / f"kill-{k}"

@@ -13,7 +13,17 @@ SECONDS = 3000
 """For one command on a busy machine."""
 
 FORKS = multiprocessing.get_context("forkserver")
-FORKS.set_forkserver_preload(["swarmdata.cli.main", "swarmdata.hub.catalog.catalog", "torch"])
+FORKS.set_forkserver_preload(
+    [
+        "pytest",
+        "swarmdata.cli.main",
+        "swarmdata.hub.catalog.catalog",
+        "swarmdata.building.part_maker",
+        "swarmdata.cards.publish",
+        "swarmdata.interop.export",
+        "swarmdata.record",
+    ]
+)
 
 
 def run_command(*words: str) -> None:

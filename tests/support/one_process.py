@@ -7,10 +7,11 @@ from typing import Any, Self
 import pytest
 
 from swarmdata.building import build as build_module
-from swarmdata.building.part_maker import make_part
-from swarmdata.registry.components import make_env
+from swarmdata.building.part_maker import make_copies, make_part
+from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.parts import write_part
 
 
@@ -29,9 +30,10 @@ class OneProcessCrew:
         pass
 
     def run(self, jobs: Iterable[Job], progress: Any) -> None:
+        copies: dict[TaskSpec, TaskEnv] = {}  # kept from part to part, as a worker does
         for job in jobs:
             recipe = Recipe.from_text(job.payload["recipe"])
-            env = make_env(recipe.spec, 16)
+            env = copies.get(recipe.spec) or copies.setdefault(recipe.spec, make_copies(recipe))
             policy, part = job.payload["policy"], job.payload["part"]
             folder = Path(job.payload["folder"])
             write_part(folder, make_part(recipe, policy, part, env, progress, folder.parent))

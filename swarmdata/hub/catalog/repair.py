@@ -273,13 +273,14 @@ class _Job:
             beside = parse_origin(data, RECIPE)
         except (SpecError, OSError, ValueError):  # broken, absent, or of another package
             pass
+        if isinstance(beside, Recipe | Edit) and known in (None, beside.hash()):
+            return beside
         shipped = shipped_recipes().get(str(name))
         if shipped is None:  # the name may be what is damaged
             recipes = shipped_recipes().values()
             shipped = next((each for each in recipes if each.hash() == known), None)
-        for origin in (beside, shipped):
-            if isinstance(origin, Recipe | Edit) and known in (None, origin.hash()):
-                return origin
+        if shipped is not None and known in (None, shipped.hash()):
+            return shipped
         packages = {} if manifest is None else manifest.provenance
         raise DatasetError(
             f"{self.path} cannot be made again: {_why_lost(beside, missing_parts(data, packages))} "

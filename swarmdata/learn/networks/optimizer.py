@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.optim.adam import adam as adam_
 
 from swarmdata.learn.networks.perceptrons import StackedLayers, backward, move_target, unpadded
 
@@ -14,7 +15,8 @@ class StackedAdam:
     """Adam (Kingma & Ba 2015) on the one buffer of stacked networks.
 
     Adam works element by element, so the seeds do not see each other, and rounds all elements
-    alike (`StackedLayers.padded`).
+    alike (`StackedLayers.padded`). It is the function below `torch.optim.Adam`, whose objects load
+    the compiler of torch's graphs, which takes seconds.
 
     Args:
         network: what to train; its rows are grouped by seed.
@@ -31,7 +33,8 @@ class StackedAdam:
         self.network = network
         self.n_seeds = n_seeds
         self.max_norm = max_norm
-        self._adam = torch.optim.Adam([network.padded], lr=learning_rate, fused=True)
+        self._learning_rate = learning_rate
+        self._state = self._fresh()
 
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
         """Descends one step on the sum over seeds of a loss.
@@ -47,25 +50,28 @@ class StackedAdam:
         """Descends one step along the gradient that the network has; clips it first."""
         if self.max_norm is not None:
             clip_per_seed(self.network.gradient, self.n_seeds, self.max_norm)
-        group = self._adam.param_groups[0]
-        learning_rate = group["lr"]
-        group["lr"] = learning_rate * scale
-        self._adam.step()
-        group["lr"] = learning_rate
+        padded, (step, mean, square) = self.network.padded, self._state.values()
+        assert padded.grad is not None
+        with torch.no_grad():
+            adam_(
+                [padded], [padded.grad], [mean], [square], [], [step], fused=True, amsgrad=False,
+                beta1=0.9, beta2=0.999, lr=self._learning_rate * scale, weight_decay=0.0, eps=1e-8,
+                maximize=False,
+            )  # fmt: skip
 
     def state_dict(self, prefix: str = "") -> dict[str, Tensor]:
         """The moments [R, P] and the number of steps, as copies; `prefix` begins their names."""
         size = self.network.flat.shape
         return {
             prefix + name: (unpadded(value, size) if value.ndim else value).clone()
-            for name, value in (self._adam.state[self.network.padded] or self._fresh()).items()
+            for name, value in self._state.items()
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor], prefix: str = "") -> None:
         size, fresh = self.network.flat.shape, self._fresh()
         for name, value in fresh.items():
             (unpadded(value, size) if value.ndim else value).copy_(state[prefix + name])
-        self._adam.state[self.network.padded] = fresh
+        self._state = fresh
 
     def _fresh(self) -> dict[str, Tensor]:
         padded = self.network.padded

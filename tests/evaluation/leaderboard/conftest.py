@@ -1,9 +1,9 @@
 """Verification without a second interpreter."""
 
 import json
+import runpy
 import subprocess
 import sys
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +21,10 @@ def change_returns(entry: Path, change: Any) -> None:
         file.write_text(json.dumps(document))
 
 
-def act_again(entry: str, out: str, n_episodes: str, n_threads: str) -> None:
-    """What `verify` starts."""
-    from swarmdata.evaluation.leaderboard.act_again import main
-
-    main(Path(entry), Path(out), int(n_episodes), int(n_threads))
+def run_module(name: str, *words: str) -> None:
+    """As `python -m` does."""
+    sys.argv = [name, *words]
+    runpy.run_module(name, run_name="__main__")
 
 
 @pytest.fixture
@@ -34,8 +33,7 @@ def forked(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def run(command: list[str], **_: object) -> subprocess.CompletedProcess[bytes]:
         assert command[:2] == [sys.executable, "-m"]
-        assert find_spec(command[2]) is not None
-        code, out, err = Forked(*command[3:], work=act_again).end()
+        code, out, err = Forked(*command[2:], work=run_module).end()
         return subprocess.CompletedProcess(command, code or 0, out.encode(), err.encode())
 
     monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.subprocess.run", run)

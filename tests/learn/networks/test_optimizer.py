@@ -1,5 +1,7 @@
 """The stacked Adam against torch's plain one, clipping, and the cosine."""
 
+import sys
+
 import pytest
 import torch
 from torch import Tensor
@@ -33,6 +35,13 @@ def test_it_equals_plain_adam() -> None:
         plain.step()
     expected = torch.cat([p.detach().flatten() for p in parameters])
     torch.testing.assert_close(network.flat[0], expected, rtol=1e-5, atol=1e-6)
+
+
+def test_it_needs_no_compiler_of_graphs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Importing it takes longer than a short training."""
+    monkeypatch.setitem(sys.modules, "torch._dynamo", None)
+    network = network_of([5])
+    StackedAdam(network, 1, 0.01).step(loss_of(network(torch.ones(1, 9, 3))))
 
 
 @pytest.mark.parametrize("n_seeds", [2, 3, 5])
