@@ -10,8 +10,9 @@ from swarmdata.cards.sections.wording import (
     UNKNOWN_TIER_DESCRIPTION,
 )
 from swarmdata.drawing import markdown
-from swarmdata.registry.published import STRICT_FAMILIES, license_of
+from swarmdata.registry.published import license_of
 from swarmdata.registry.recipes import FAMILY_SPECS, is_dataset
+from swarmdata.registry.tiers import STRICT_FAMILIES
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.origins.edit_origin import Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest

@@ -12,7 +12,6 @@ from tqdm import tqdm
 from swarmdata.behavior_policies.checkpoint_files import own_checkpoints
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.runtime.atomic import is_vacant
-from swarmdata.runtime.cache_folder import note_build
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.jobs import Engine, Job, Report, usable_cores
 from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
@@ -21,7 +20,7 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, remove_leftovers
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.assembly import assemble
-from swarmdata.store.manifest import is_finished
+from swarmdata.store.manifest import is_finished, note_build
 
 PART_MAKER = "swarmdata.building.part_maker:part_maker"
 

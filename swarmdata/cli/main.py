@@ -48,8 +48,12 @@ from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError, printable
 
 
-def _unset(option: Any) -> Any:
-    """The option `--help`, whose default is a value that typer does not check with pydantic."""
+def _false_unless_given(option: Any) -> Any:
+    """Gives the option `--help` the default False instead of None.
+
+    Typer converts None with pydantic, whose import takes longer than to list all datasets; it takes
+    a bool as it is.
+    """
     if option is not None:
         option.default = False
     return option
@@ -59,7 +63,7 @@ class _Group(TyperGroup):
     """Turns expected errors into one-line messages, and Ctrl-C into exit code 130."""
 
     def get_help_option(self, ctx: Any) -> Any:
-        return _unset(super().get_help_option(ctx))
+        return _false_unless_given(super().get_help_option(ctx))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Lists the commands in sections."""
@@ -95,7 +99,7 @@ class _Command(TyperCommand):
     """Lists options that are for one case only, such as `with --task: ...`, in a section of it."""
 
     def get_help_option(self, ctx: Any) -> Any:
-        return _unset(super().get_help_option(ctx))
+        return _false_unless_given(super().get_help_option(ctx))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Lists the arguments, the options of every case, and those of each."""
@@ -270,8 +274,8 @@ def info(dataset: IdOrPath) -> None:
     from swarmdata.hub.catalog.catalog import find_folder
     from swarmdata.hub.catalog.identity import judge, misnamed
     from swarmdata.hub.catalog.listing import dataset_folder, list_datasets
-    from swarmdata.hub.remotes.outside_names import is_folder
     from swarmdata.registry.recipes import find_recipe, is_dataset
+    from swarmdata.runtime.outside_names import is_folder
     from swarmdata.store import open_store
 
     if is_folder(dataset) or not is_dataset(dataset):

@@ -9,14 +9,14 @@ from pydantic import Field
 
 from swarmdata.errors import BuildError, UnknownNameError
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import (
+from swarmdata.registry.published import LazyTable
+from swarmdata.registry.tiers import (
     ACTION_NOISE_STD,
     CONVENTION_FAMILIES,
     FAMILIES,
     NEWEST_VERSION,
     STRICT_FAMILIES,
     TIERS,
-    LazyTable,
     Outline,
     checkpoint_index,
     outlines,

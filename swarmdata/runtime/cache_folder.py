@@ -1,18 +1,14 @@
-"""The cache folder of this machine, and the record of datasets that were built here."""
+"""The cache folder of this machine."""
 
-import contextlib
-import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from platformdirs import user_cache_path
 
 from swarmdata.errors import DatasetNotFoundError
-from swarmdata.runtime.atomic import write_file
 
-if TYPE_CHECKING:
-    from swarmdata.store.manifest import Manifest
+MANIFEST = "manifest.json"
+"""The file in a folder that makes it a finished dataset."""
 
 
 def cache_folder() -> Path:
@@ -30,26 +26,3 @@ def cache_folder() -> Path:
                 "is not there. Make or mount it, or set SWARMDATA_CACHE to another folder."
             )
     return folder
-
-
-def note_build(manifest: "Manifest") -> None:
-    """Records that a dataset was built here, for `was_built_here`.
-
-    The record is beside the datasets, not in them: it neither travels with a copy nor survives a
-    change of recipe or arrays.
-    """
-    record = _record(manifest)
-    with contextlib.suppress(OSError):  # a read-only cache has no such records
-        record.parent.mkdir(parents=True, exist_ok=True)
-        content = {"id": manifest.id, "digest": manifest.digest, "recipe": manifest.recipe_hash}
-        write_file(record, json.dumps(content).encode())
-
-
-def was_built_here(manifest: "Manifest") -> bool:
-    """Whether a dataset of these arrays and this recipe was built here."""
-    return _record(manifest).is_file()
-
-
-def _record(manifest: "Manifest") -> Path:
-    name = f"{manifest.recipe_hash[:32]}-{manifest.digest[:32]}.json"
-    return cache_folder() / "built" / name

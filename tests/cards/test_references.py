@@ -10,13 +10,9 @@ from swarmdata.cards.references import gap_section, interval, reference_bytes, s
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.registry.published import (
-    FAMILIES,
-    TaskReferences,
-    references,
-    references_of,
-)
+from swarmdata.registry.published import TaskReferences, references, references_of
 from swarmdata.registry.recipes import FAMILY_SPECS
+from swarmdata.registry.tiers import FAMILIES
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import DiscreteSpace

@@ -13,7 +13,7 @@ from swarmdata.catalogue.pages.figures_shown import (
 )
 from swarmdata.catalogue.pages.filters import choice, form, nothing_found
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.registry.published import NEWEST_VERSION
+from swarmdata.registry.tiers import NEWEST_VERSION
 
 SCRIPTS = ("core.js", "filters.js", "sorting.js", "listing.js")
 

@@ -5,16 +5,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmdata.errors import DatasetError, SwarmdataError
-from swarmdata.hub.remotes.outside_names import is_id
-from swarmdata.registry.published import Outline, outlines, published, references
-from swarmdata.runtime.cache_folder import cache_folder
+from swarmdata.registry.published import published, references
+from swarmdata.registry.tiers import Outline, outlines
+from swarmdata.runtime.cache_folder import MANIFEST, cache_folder
+from swarmdata.runtime.outside_names import is_id
 
 if TYPE_CHECKING:
     from swarmdata.specs.recipe import Recipe
     from swarmdata.specs.task_spec import TaskSpec
-
-MANIFEST = "manifest.json"
-"""`store.arrays.layout.MANIFEST`, whose module is not imported for a list."""
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.hub.remotes.outside_names import is_address, is_folder, is_id, looks_like_path
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, versions_of
 from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.outside_names import is_address, is_folder, is_id, looks_like_path
 from swarmdata.specs.origins import parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE

@@ -11,8 +11,9 @@ from swarmdata.cards.sections.wording import (
     limits_of,
 )
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import STRICT_FAMILIES, published
+from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, shipped_recipes
+from swarmdata.registry.tiers import STRICT_FAMILIES
 from swarmdata.specs.rules import PACKAGE_RULES
 
 

@@ -15,10 +15,10 @@ from swarmdata.hub.catalog import catalog, identity, request
 from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, load
 from swarmdata.hub.catalog.listing import list_datasets
 from swarmdata.registry.published import published
-from swarmdata.runtime.cache_folder import note_build
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import chosen_weights
 from swarmdata.store import open_store
+from swarmdata.store.manifest import note_build
 from swarmdata.store.publication import publication
 from tests.support.measured import references_at
 from tests.support.own_rewards import effort

@@ -25,11 +25,12 @@ from swarmdata.hub.catalog.repair import examine, find_blockers
 from swarmdata.hub.catalog.request import request_of_address
 from swarmdata.hub.catalog.sources import Remotes, obtain
 from swarmdata.registry.published import Published
-from swarmdata.runtime.cache_folder import cache_folder, note_build
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import Role
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
+from swarmdata.store.manifest import note_build
 from swarmdata.store.stored_dataset import Verify
 from tests.support.command_line import run
 from tests.support.pairs import slow
