@@ -6,12 +6,7 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.runtime.own_components import import_component

@@ -16,10 +16,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.hub.catalog.identity import judge, misnamed
 from swarmdata.hub.catalog.request import Request, cached, is_offline, parse_request
-from swarmdata.registry.published import (
-    Reference,
-    references_of,
-)
+from swarmdata.registry.published import Reference, references_of
 from swarmdata.runtime.own_components import import_function
 from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Origin, Spec

@@ -8,12 +8,10 @@ import hashlib
 import json
 import re
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import Field
 
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
@@ -23,26 +21,16 @@ from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.runs.provenance import dataset_key
 from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
-from swarmdata.registry.published import published
+from swarmdata.registry.published import Figures, published
 from swarmdata.registry.recipes import find_recipe, is_dataset
 from swarmdata.runtime.cache_folder import cache_folder
-from swarmdata.specs.frozen import Frozen, Probability
+from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import check_installed, task_of
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.rules import RewardChoice, changed_weights, chosen_weights
 from swarmdata.store.publication import figures_of
 
 FULL, MINI = "full", "mini"
-
-
-class RecordedFigures(Frozen):
-    """`Figures` as the file of a cell has them."""
-
-    n_steps: Annotated[int, Field(ge=1)]
-    n_episodes: Annotated[int, Field(ge=1)]
-    mean_return: float
-    success: Probability
-    clean_success: Probability
 
 
 class DatasetFacts(Frozen):
@@ -54,7 +42,7 @@ class DatasetFacts(Frozen):
 
     id: str
     digest: str
-    figures: RecordedFigures  # of all episodes, action noise included
+    figures: Figures  # of all episodes, action noise included
     robot_collisions: float
     obstacle_collisions: float
     n_train_steps: int | None = None  # joint steps to learn from; None: recorded before it was kept
@@ -70,7 +58,7 @@ class DatasetFacts(Frozen):
             digest=dataset.digest,
             robot_collisions=float(table.robot_collisions.mean()),
             obstacle_collisions=float(table.obstacle_collisions.mean()),
-            figures=RecordedFigures(**asdict(figures_of(table))),
+            figures=figures_of(table),
             n_train_steps=int(dataset.filter(split="train").episodes.lengths.sum()),
         )
 
@@ -86,7 +74,7 @@ class DatasetFacts(Frozen):
             digest=mixture.digest,
             robot_collisions=mean(each.robot_collisions for each in parts),
             obstacle_collisions=mean(each.obstacle_collisions for each in parts),
-            figures=RecordedFigures(
+            figures=Figures(
                 n_steps=mixture.n_steps,
                 n_episodes=len(mixture),
                 mean_return=mean(each.figures.mean_return for each in parts),

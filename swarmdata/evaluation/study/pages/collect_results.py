@@ -24,7 +24,6 @@ from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
-from swarmdata.registry.published import Figures
 
 
 @dataclass(frozen=True, eq=False)
@@ -210,6 +209,4 @@ def _with_data(case: Case, facts: Mapping[str, DatasetFacts]) -> Case:
     """The case with the figures of its dataset's episodes, as a cell has recorded them."""
     key = str(case.dataset)  # a view has the same episodes; mixtures have facts of their own
     known = facts.get(key, facts.get(key.partition("@")[0]))
-    if known is None:
-        return case
-    return replace(case, data=Figures(**known.figures.model_dump()))
+    return case if known is None else replace(case, data=known.figures)
