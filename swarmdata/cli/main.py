@@ -271,14 +271,15 @@ def info(dataset: IdOrPath) -> None:
 
     Takes the ids of published datasets, those in the cache, and folders.
     """
-    from swarmdata.hub.catalog.catalog import find_folder
-    from swarmdata.hub.catalog.identity import judge, misnamed
     from swarmdata.hub.catalog.listing import dataset_folder, list_datasets
     from swarmdata.registry.recipes import find_recipe, is_dataset
     from swarmdata.runtime.outside_names import is_folder
-    from swarmdata.store import open_store
 
     if is_folder(dataset) or not is_dataset(dataset):
+        from swarmdata.hub.catalog.catalog import find_folder
+        from swarmdata.hub.catalog.identity import judge, misnamed
+        from swarmdata.store import open_store
+
         stored = open_store(find_folder(dataset), "none")
         typer.echo(f"folder: {stored.path}\ndigest: {stored.manifest.digest}")
         if (sentence := misnamed(stored.path, stored.manifest)) is not None:
