@@ -8,6 +8,7 @@ stay the same.
 import json
 import platform
 from collections.abc import Collection, Mapping, Sequence
+from dataclasses import asdict
 from importlib.metadata import version
 
 import numpy as np
@@ -172,6 +173,6 @@ def reference_bytes(spec: Spec) -> bytes | None:
             name: {"unit": metric.unit, "better": metric.better, "meaning": metric.meaning}
             for name, metric in metrics_of(spec.task).items()
         },
-        "policies": known.model_dump(mode="json")["policies"],
+        "policies": asdict(known)["policies"],
     }
     return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"

@@ -15,11 +15,8 @@ from swarmdata.evaluation.runs.named_policies import make_policy as make_policy
 from swarmdata.evaluation.runs.provenance import Provenance as Provenance
 from swarmdata.evaluation.runs.train import train as train, train_online as train_online
 from swarmdata.evaluation.tuning.tune import tune as tune
-from swarmdata.hub.catalog.catalog import (
-    DatasetInfo as DatasetInfo,
-    list_datasets as list_datasets,
-    load as load,
-)
+from swarmdata.hub.catalog.listing import DatasetInfo as DatasetInfo, list_datasets as list_datasets
+from swarmdata.hub.catalog.catalog import load as load
 from swarmdata.hub.remotes.addresses import register_remote as register_remote
 from swarmdata.hub.streaming.streamed_dataset import (
     Stream as Stream,

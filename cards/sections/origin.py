@@ -11,7 +11,8 @@ from swarmdata.cards.sections.wording import (
 )
 from swarmdata.drawing import markdown
 from swarmdata.registry.published import license_of
-from swarmdata.registry.recipes import FAMILY_SPECS, STRICT_FAMILIES, is_dataset
+from swarmdata.registry.recipes import FAMILY_SPECS, is_dataset
+from swarmdata.registry.tiers import STRICT_FAMILIES
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.origins.edit_origin import Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest

@@ -34,12 +34,8 @@ from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clo
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import make_policy, policy_class
-from swarmdata.registry.recipes import (
-    FAMILIES,
-    FAMILY_SPECS,
-    TRAINED_TIERS,
-    checkpoints,
-)
+from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
+from swarmdata.registry.tiers import FAMILIES, TRAINED_TIERS
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
 

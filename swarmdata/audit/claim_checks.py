@@ -9,13 +9,9 @@ from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, MEDIUM_SUCCE
 from swarmdata.cards.card import card_of
 from swarmdata.cards.references import reference_bytes
 from swarmdata.errors import SwarmdataError
-from swarmdata.registry.published import (
-    TaskReferences,
-    changed_versions,
-    published,
-    references_of,
-)
-from swarmdata.registry.recipes import FAMILY_SPECS, STRICT_FAMILIES
+from swarmdata.registry.published import TaskReferences, changed_versions, published, references_of
+from swarmdata.registry.recipes import FAMILY_SPECS
+from swarmdata.registry.tiers import STRICT_FAMILIES
 from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
 from swarmdata.store.table import clean_successes

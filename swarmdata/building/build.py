@@ -20,8 +20,7 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, remove_leftovers
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.assembly import assemble
-from swarmdata.store.cache import note_build
-from swarmdata.store.manifest import is_finished
+from swarmdata.store.manifest import is_finished, note_build
 
 PART_MAKER = "swarmdata.building.part_maker:part_maker"
 

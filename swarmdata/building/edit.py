@@ -16,9 +16,9 @@ from swarmdata.building.combine import describe, write_edit
 from swarmdata.building.subsample import N_RETURN_BINS, matched, sized
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins.edit_origin import Edit
-from swarmdata.store.cache import cache_folder
 
 DEFAULT_TIER = "edited"
 """Tier of what was not given another: figures of an edit are in no tier's band."""

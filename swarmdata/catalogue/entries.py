@@ -13,7 +13,8 @@ from typing import Literal
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.errors import MissingFileError, SpecError
-from swarmdata.hub.catalog.catalog import list_datasets, load
+from swarmdata.hub.catalog.catalog import load
+from swarmdata.hub.catalog.listing import list_datasets
 from swarmdata.registry.published import (
     Interval,
     license_of,
@@ -23,10 +24,10 @@ from swarmdata.registry.published import (
 )
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.batches import Failures
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
 Kind = Literal["simulated", "robot logs", "other environment"]

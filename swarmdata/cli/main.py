@@ -9,6 +9,7 @@ import sys
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -47,8 +48,22 @@ from swarmdata.cli.task_commands import task_app
 from swarmdata.errors import SwarmdataError, printable
 
 
+def _false_unless_given(option: Any) -> Any:
+    """Gives the option `--help` the default False instead of None.
+
+    Typer converts None with pydantic, whose import takes longer than to list all datasets; it takes
+    a bool as it is.
+    """
+    if option is not None:
+        option.default = False
+    return option
+
+
 class _Group(TyperGroup):
     """Turns expected errors into one-line messages, and Ctrl-C into exit code 130."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        return _false_unless_given(super().get_help_option(ctx))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         """Lists the commands in sections."""
@@ -82,6 +97,9 @@ class _Group(TyperGroup):
 
 class _Command(TyperCommand):
     """Lists options that are for one case only, such as `with --task: ...`, in a section of it."""
+
+    def get_help_option(self, ctx: Any) -> Any:
+        return _false_unless_given(super().get_help_option(ctx))
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Lists the arguments, the options of every case, and those of each."""
@@ -233,7 +251,7 @@ def _root(
 
 def list_command() -> None:
     """List the published datasets, then others in the cache."""
-    from swarmdata.hub.catalog.catalog import list_datasets, own_datasets
+    from swarmdata.hub.catalog.listing import list_datasets, own_datasets
 
     own, problems = own_datasets()
     every = [*list_datasets(), *own]
@@ -253,13 +271,15 @@ def info(dataset: IdOrPath) -> None:
 
     Takes the ids of published datasets, those in the cache, and folders.
     """
-    from swarmdata.hub.catalog.catalog import dataset_folder, find_folder, list_datasets
-    from swarmdata.hub.catalog.identity import judge, misnamed
-    from swarmdata.hub.remotes.outside_names import is_folder
+    from swarmdata.hub.catalog.listing import dataset_folder, list_datasets
     from swarmdata.registry.recipes import find_recipe, is_dataset
-    from swarmdata.store import open_store
+    from swarmdata.runtime.outside_names import is_folder
 
     if is_folder(dataset) or not is_dataset(dataset):
+        from swarmdata.hub.catalog.catalog import find_folder
+        from swarmdata.hub.catalog.identity import judge, misnamed
+        from swarmdata.store import open_store
+
         stored = open_store(find_folder(dataset), "none")
         typer.echo(f"folder: {stored.path}\ndigest: {stored.manifest.digest}")
         if (sentence := misnamed(stored.path, stored.manifest)) is not None:
@@ -348,7 +368,7 @@ def references(
         with failures.item(task):
             table = measure_references(task, episodes, backend=backend)
             name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
-            entries = {name: table.model_dump(mode="json")}
+            entries = {name: asdict(table)}
             if out is None:
                 typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))
             else:

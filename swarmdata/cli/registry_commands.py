@@ -1,5 +1,6 @@
 """`swarmdata registry ...`: published digests and figures; `swarmdata warm`: compiled kernels."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -114,7 +115,7 @@ def update(
     for recipe in [find_recipe(name) for name in ids]:
         with failures.item(recipe.id):
             entry = make_again(recipe, cached=cached, workers=workers, engine=engine)
-            put_entries(out, {recipe.id: entry.model_dump(mode="json")})
+            put_entries(out, {recipe.id: asdict(entry)})
             typer.echo(f"{recipe.id}: {entry.n_steps:,} joint steps, digest {entry.digest}")
     failures.check("datasets")
 

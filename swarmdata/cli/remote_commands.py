@@ -63,10 +63,10 @@ def pull(
     from swarmdata.hub.catalog.identity import judge
     from swarmdata.hub.catalog.sources import obtain_release
     from swarmdata.hub.remotes.addresses import configured_remotes
-    from swarmdata.hub.remotes.outside_names import is_address
     from swarmdata.hub.remotes.release_lookup import find_release, locate
+    from swarmdata.runtime.cache_folder import cache_folder
+    from swarmdata.runtime.outside_names import is_address
     from swarmdata.store import read_manifest
-    from swarmdata.store.cache import cache_folder
 
     if is_address(dataset) and origin is not None:
         raise typer.BadParameter("an address already names the remote", param_hint="--from")
@@ -159,8 +159,8 @@ def _warn_if_overridden() -> None:
 
 def _versioned(dataset: str) -> str:
     """Adds the newest version to an id of the package; other ids must have one."""
-    from swarmdata.hub.remotes.outside_names import split_id
     from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes
+    from swarmdata.runtime.outside_names import split_id
 
     if is_dataset(dataset):
         return find_recipe(dataset).id

@@ -32,7 +32,7 @@ from swarmdata.datasets.action_scaling import ActionScale, action_scale
 from swarmdata.datasets.normalization import Moments, Statistics
 from swarmdata.datasets.sampling import BatchStream, RowSampler
 from swarmdata.errors import SchemaError, UnknownNameError
-from swarmdata.registry.published import Reference, score_in
+from swarmdata.registry.published import Reference, normalized_score
 from swarmdata.specs.model_choice import Ranges, models_of, with_models
 from swarmdata.specs.origins import Origin, SideSpec, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec
@@ -395,7 +395,14 @@ class View(TrainingData[R]):
         Raises:
             SchemaError: the references of this dataset's task are not known, or not in order.
         """
-        return score_in(self.id, returns, self.references)
+        if self.references is None:
+            raise SchemaError(
+                f"{self.id} was opened without references, or has other rewards than its task, so "
+                "no score can be computed. Pass Dataset.open(path, "
+                "references=swarmdata.Reference(no_skill=..., expert=...))."
+            )
+        values = np.asarray(returns, dtype=np.float64)
+        return np.asarray(normalized_score(values, self.references))
 
 
 def _mask(

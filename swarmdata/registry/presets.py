@@ -1,16 +1,12 @@
 """The named specs of the package: one YAML file each in `envs/presets`."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Generic, TypeVar
 
 from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.task_spec import TaskSpec
-
-V = TypeVar("V")
 
 _FOLDER = files("swarmdata") / "envs" / "presets"  # read, and nothing of `envs` is imported
 
@@ -82,31 +78,3 @@ def find_spec(task: str | Path | TaskSpec) -> TaskSpec:
             f"cannot read a spec from {path}: {error}. Give a YAML or JSON file, or one of the "
             f"presets {', '.join(preset_names())}."
         ) from error
-
-
-class LazyTable(Mapping[str, V], Generic[V]):
-    """Values by name; `load` looks at one of a hundred, whose parsing takes its time.
-
-    Args:
-        names: in the order of iteration.
-        make: returns the value of a name.
-    """
-
-    def __init__(self, names: Iterable[str], make: Callable[[str], V]) -> None:
-        self._made: dict[str, V | None] = dict.fromkeys(names)
-        self._make = make
-
-    def __getitem__(self, name: str) -> V:
-        value = self._made[name]
-        if value is None:
-            value = self._made[name] = self._make(name)
-        return value
-
-    def __contains__(self, name: object) -> bool:
-        return name in self._made  # without making it
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._made)
-
-    def __len__(self) -> int:
-        return len(self._made)

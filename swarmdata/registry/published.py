@@ -1,21 +1,51 @@
-"""Published datasets and the measured reference policies of each task, from the package."""
+"""Published datasets and the measured reference policies of each task, from the package.
+
+A test has checked every number of these files, so they are read as they are.
+"""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cache, cached_property
 from importlib.resources import files
-from typing import Annotated, NamedTuple
-
-import numpy as np
-from pydantic import Field
+from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
 
 from swarmdata.errors import SchemaError
-from swarmdata.registry.presets import LazyTable
-from swarmdata.specs.frozen import Frozen, Probability
-from swarmdata.specs.origins import Origin
-from swarmdata.types import Double
 
-Sha256 = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+if TYPE_CHECKING:
+    from swarmdata.specs.origins import Origin
+    from swarmdata.types import Double
+
+Returns = TypeVar("Returns", float, "Double")
+V = TypeVar("V")
+
+
+class LazyTable(Mapping[str, V], Generic[V]):
+    """Values by name; `load` looks at one of a hundred, whose parsing takes its time.
+
+    Args:
+        names: in the order of iteration.
+        make: returns the value of a name.
+    """
+
+    def __init__(self, names: Iterable[str], make: Callable[[str], V]) -> None:
+        self._made: dict[str, V | None] = dict.fromkeys(names)
+        self._make = make
+
+    def __getitem__(self, name: str) -> V:
+        value = self._made[name]
+        if value is None:
+            value = self._made[name] = self._make(name)
+        return value
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._made  # without making it
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._made)
+
+    def __len__(self) -> int:
+        return len(self._made)
 
 
 class Reference(NamedTuple):
@@ -25,7 +55,7 @@ class Reference(NamedTuple):
     expert: float
 
 
-def normalized_score(returns: Double | float, reference: Reference) -> Double:
+def normalized_score(returns: Returns, reference: Reference) -> Returns:
     """Returns 100 (R - R0) / (R_expert - R0): 0 is no skill, 100 the expert.
 
     Same shape as `returns`; neither end is clipped.
@@ -39,48 +69,42 @@ def normalized_score(returns: Double | float, reference: Reference) -> Double:
             f"reference returns are no_skill={reference.no_skill:g}, expert={reference.expert:g}; "
             "the expert's must be the larger. Measure both on the evaluation seeds of one spec."
         )
-    return np.asarray(100.0 * (np.asarray(returns, np.float64) - reference.no_skill) / span)
+    return 100.0 * (returns - reference.no_skill) / span
 
 
-def score_in(dataset_id: str, returns: object, references: Reference | None) -> Double:
-    """Returns the normalized scores of returns in a dataset's task, same shape.
-
-    Raises:
-        SchemaError: the references are not known, or not in order.
-    """
-    if references is None:
-        raise SchemaError(
-            f"{dataset_id} was opened without references, or has other rewards than its task, so "
-            "no score can be computed. Pass Dataset.open(path, "
-            "references=swarmdata.Reference(no_skill=..., expert=...))."
-        )
-    return normalized_score(np.asarray(returns, dtype=np.float64), references)
-
-
-class Figures(Frozen):
+@dataclass(frozen=True)
+class Figures:
     """Sums and means over recorded episodes, action noise included."""
 
-    n_steps: Annotated[int, Field(ge=1)]
-    n_episodes: Annotated[int, Field(ge=1)]
+    n_steps: int
+    n_episodes: int
     mean_return: float
-    success: Probability
-    clean_success: Probability  # solved without any contact
+    success: float
+    clean_success: float  # solved without any contact
 
 
+@dataclass(frozen=True)
 class Published(Figures):
     """One published (id, version): what it is made from, what it is, what is in it."""
 
     task: str
-    n_agents: Annotated[int, Field(ge=1)]
-    recipe_hash: Sha256
-    digest: Sha256  # logical: of names, dtypes, shapes and values of the arrays
-    transport_digest: Sha256  # of the files: `Manifest.transport_digest`
-    n_bytes: Annotated[int, Field(ge=1)]
+    n_agents: int
+    recipe_hash: str  # SHA-256, hex, as the digests
+    digest: str  # logical: of names, dtypes, shapes and values of the arrays
+    transport_digest: str  # of the files: `Manifest.transport_digest`
+    n_bytes: int
     policies: dict[str, Figures]  # by label in the recipe
     made_with: dict[str, str]  # versions and platform
 
+    @classmethod
+    def parse(cls, entry: Mapping[str, Any]) -> Self:
+        """Reads an entry of `published.json`."""
+        policies = {label: Figures(**each) for label, each in entry["policies"].items()}
+        return cls(**{**entry, "policies": policies})
 
-class Interval(Frozen):
+
+@dataclass(frozen=True)
+class Interval:
     """A mean over episodes and its 95 % interval."""
 
     value: float
@@ -91,16 +115,23 @@ class Interval(Frozen):
 GAP_METRICS = ("return", "success", "clean_success")
 
 
-class TaskReferences(Frozen):
+@dataclass(frozen=True)
+class TaskReferences:
     """Measured reference policies of one spec, on the reserved evaluation seeds."""
 
-    spec_hash: Sha256
-    n_episodes: Annotated[int, Field(ge=1)]
+    spec_hash: str
+    n_episodes: int
     made_with: dict[str, str]
     policies: dict[str, dict[str, Interval | None]]  # policy -> metric; None: never defined
-    gaps: dict[str, dict[str, Interval]] = Field(default={})
+    gaps: dict[str, dict[str, Interval]] = field(default_factory=dict)
     """Coordination gaps: by how much the scripted team is better than the same controllers with
     less coordination, by policy and metric of `GAP_METRICS`; paired by episode."""
+
+    @classmethod
+    def parse(cls, entry: Mapping[str, Any]) -> Self:
+        """Reads an entry of `references.json`."""
+        tables = {name: _intervals(entry.get(name, {})) for name in ("policies", "gaps")}
+        return cls(**{**entry, **tables})
 
     @cached_property
     def no_skill(self) -> float | None:
@@ -129,14 +160,22 @@ class TaskReferences(Frozen):
     def score(self, team_return: float) -> float | None:
         """The normalized score of a team return, None where a reference was not measured."""
         reference = self.reference
-        return None if reference is None else float(normalized_score(team_return, reference))
+        return None if reference is None else normalized_score(team_return, reference)
+
+
+def _intervals(table: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
+    """The intervals of policies and metrics."""
+    return {
+        name: {metric: None if each is None else Interval(**each) for metric, each in row.items()}
+        for name, row in table.items()
+    }
 
 
 PACKAGE_LICENSE = "cc-by-4.0"
 """Of the datasets that the package publishes, whose recipes name none."""
 
 
-def license_of(origin: Origin) -> str:
+def license_of(origin: "Origin") -> str:
     """The Hub's name of a dataset's license: its author's, or the package's; else `unknown`."""
     is_published = origin.id in published()
     return PACKAGE_LICENSE if is_published and origin.license == "unknown" else origin.license
@@ -155,14 +194,14 @@ def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> t
 def published() -> Mapping[str, Published]:
     """Every published dataset by its id with version."""
     entries = _read("published.json")
-    return LazyTable(entries, lambda key: Published.parse(entries[key], key))
+    return LazyTable(entries, lambda key: Published.parse(entries[key]))
 
 
 @cache
 def references() -> Mapping[str, TaskReferences]:
     """Measured references by task."""
     entries = _read("references.json")
-    return LazyTable(entries, lambda key: TaskReferences.parse(entries[key], key))
+    return LazyTable(entries, lambda key: TaskReferences.parse(entries[key]))
 
 
 @cache
@@ -177,7 +216,7 @@ def references_of(spec_hash: str) -> TaskReferences | None:
         return None
     start = text.rindex('\n "', 0, at)  # of the entry: keys of no other level are indented by one
     entry, _ = json.JSONDecoder().raw_decode(text, text.index("{", start))
-    return TaskReferences.parse(entry, f"references of spec {spec_hash[:12]}")
+    return TaskReferences.parse(entry)
 
 
 @cache

@@ -6,15 +6,11 @@ Lengths are metres, times seconds, speeds metres per second, angles radians.
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
-from pydantic import (
-    AfterValidator,
-    BeforeValidator,
-    Field,
-    model_validator,
-)
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.runtime.own_components import import_component
+from swarmdata.specs import WORLD_VERSION
 from swarmdata.specs.budget import excesses
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.frozen import Frozen, is_file, is_inline
@@ -53,9 +49,6 @@ Backend = Literal["pymunk", "kinematic", "mujoco"]
 BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 OneTask = TypeVar("OneTask", bound=TaskRules)
-
-WORLD_VERSION = 1
-"""The version of the worlds that this package simulates: their physics and rewards are frozen."""
 
 ROW_SHAPES = "swarmdata.store.arrays.row_shapes:task_row_shapes"
 """What gives the widths of a task's arrays: they follow from its code, which needs its spec."""

@@ -4,6 +4,7 @@ The manifest carries its own checksum: the SHA-256 of its bytes with the checksu
 written as zeros. So any changed byte of the file shows, and no second file can be lost.
 """
 
+import contextlib
 import hashlib
 import json
 import math
@@ -13,13 +14,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Field,
-    ValidationError,
-    model_validator,
-)
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from swarmdata.errors import (
     ChecksumError,
@@ -30,7 +25,8 @@ from swarmdata.errors import (
     RecipeConflictError,
     SpecError,
 )
-from swarmdata.runtime.atomic import is_vacant
+from swarmdata.runtime.atomic import is_vacant, write_file
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.origins import parse_origin
 from swarmdata.specs.plain_names import Text
@@ -304,6 +300,29 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
         return False
     check_recipe(out, read_manifest(out), MadeFrom(recipe.id, recipe_hash(recipe)))
     return (out / CARD).exists()
+
+
+def note_build(manifest: Manifest) -> None:
+    """Records that a dataset was built here, for `was_built_here`.
+
+    The record is beside the datasets, not in them: it neither travels with a copy nor survives a
+    change of recipe or arrays.
+    """
+    record = _record(manifest)
+    with contextlib.suppress(OSError):  # a read-only cache has no such records
+        record.parent.mkdir(parents=True, exist_ok=True)
+        content = {"id": manifest.id, "digest": manifest.digest, "recipe": manifest.recipe_hash}
+        write_file(record, json.dumps(content).encode())
+
+
+def was_built_here(manifest: Manifest) -> bool:
+    """Whether a dataset of these arrays and this recipe was built here."""
+    return _record(manifest).is_file()
+
+
+def _record(manifest: Manifest) -> Path:
+    name = f"{manifest.recipe_hash[:32]}-{manifest.digest[:32]}.json"
+    return cache_folder() / "built" / name
 
 
 def _changed(path: Path) -> ChecksumError:

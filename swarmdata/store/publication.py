@@ -1,6 +1,7 @@
 """The published entry of a stored dataset: figures, digests, and versions."""
 
 import math
+from dataclasses import asdict
 
 import numpy as np
 
@@ -15,7 +16,7 @@ def publication(stored: StoredDataset) -> Published:
     spec = stored.recipe.spec
     labels = [source.label for source in stored.recipe.policies]
     return Published(
-        **figures_of(table).model_dump(),
+        **asdict(figures_of(table)),
         task=spec.task,
         n_agents=spec.n_agents,
         recipe_hash=manifest.recipe_hash,

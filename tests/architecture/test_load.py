@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -42,12 +43,24 @@ USES = {
 }
 
 
+def test_a_list_of_published_datasets_imports_no_numpy(cache_folder: Path) -> None:
+    assert not cache_folder.exists() or not list(cache_folder.iterdir())
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", f"{USES['list command']}; {REPORT}"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    modules = json.loads(done.stdout.splitlines()[-1])
+    assert not {*HEAVY, "numpy", "pydantic"} & set(modules)
+
+
 @pytest.mark.parametrize("use", [*list(USES)[:2], *slow(*list(USES)[2:])])
 def test_what_is_read_imports_little(use: str, tmp_path: Path, cache_folder: Path) -> None:
     folder = cache_folder / "datasets" / "coop_nav-own-v0"
     write_release(folder, [30, 70], "coop_nav-own-v0")
     entry = tmp_path / "entry.json"
-    entry.write_text(publication(open_store(folder)).model_dump_json())
+    entry.write_text(json.dumps(asdict(publication(open_store(folder)))))
     code = f"{USES[use].format(entry=str(entry))}; {REPORT}"
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True

@@ -3,7 +3,7 @@
 import pytest
 
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, out_of_band
-from swarmdata.registry.recipes import FAMILIES
+from swarmdata.registry.tiers import FAMILIES
 
 GOOD = {
     "idle": {"return": -5.0},

@@ -8,7 +8,8 @@ import numpy as np
 
 from swarmdata.interfaces import Policy
 from swarmdata.registry.components import make_env, make_policy
-from swarmdata.registry.recipes import TRAINED_TIERS, sources
+from swarmdata.registry.recipes import sources
+from swarmdata.registry.tiers import TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Int, Seeds, Step

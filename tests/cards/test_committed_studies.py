@@ -7,7 +7,8 @@ import pytest
 
 from swarmdata.cards.committed_studies import committed_studies, read_estimates, read_studies
 from swarmdata.errors import StudyError
-from swarmdata.registry.recipes import NEWEST_VERSION, is_dataset
+from swarmdata.registry.recipes import is_dataset
+from swarmdata.registry.tiers import NEWEST_VERSION
 
 STUDIES = Path(str(files("swarmdata.cards"))) / "studies"
 

@@ -10,13 +10,8 @@ from swarmdata.cards.sections.problem import definitions_section, reward_section
 from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published, references
-from swarmdata.registry.recipes import (
-    FAMILIES,
-    FAMILY_SPECS,
-    STRICT_FAMILIES,
-    checkpoints,
-    shipped_recipes,
-)
+from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints, shipped_recipes
+from swarmdata.registry.tiers import FAMILIES, STRICT_FAMILIES
 
 
 def means(family: str) -> dict[str, dict[str, float]]:

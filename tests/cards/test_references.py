@@ -1,6 +1,7 @@
 """Reference tables and the shipped JSON files."""
 
 import json
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -9,12 +10,9 @@ from swarmdata.cards.references import gap_section, interval, reference_bytes, s
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.registry.published import (
-    TaskReferences,
-    references,
-    references_of,
-)
-from swarmdata.registry.recipes import FAMILIES, FAMILY_SPECS
+from swarmdata.registry.published import TaskReferences, references, references_of
+from swarmdata.registry.recipes import FAMILY_SPECS
+from swarmdata.registry.tiers import FAMILIES
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import DiscreteSpace
@@ -67,7 +65,7 @@ def test_summary_anchors_the_score() -> None:
     assert table.expert == pytest.approx(6.0)
     assert table.score(1.0) == pytest.approx(50.0)
     assert table.policies["idle"]["time_to_goal"] is None
-    assert TaskReferences.parse(table.model_dump(mode="json")) == table
+    assert TaskReferences.parse(asdict(table)) == table
 
 
 def test_score_needs_all_its_references() -> None:

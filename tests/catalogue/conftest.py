@@ -15,7 +15,7 @@ from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogu
 from swarmdata.catalogue.result_sources import ResultSource, own_sources
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
-from swarmdata.hub.catalog.catalog import DatasetInfo, list_datasets
+from swarmdata.hub.catalog.listing import DatasetInfo, list_datasets
 from swarmdata.registry.presets import preset
 from swarmdata.runtime.batches import Failures
 from swarmdata.specs.model_choice import with_models

@@ -12,7 +12,7 @@ from swarmdata.catalogue import entries
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 from swarmdata.catalogue.entries import find_entries
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.hub.catalog.catalog import list_datasets
+from swarmdata.hub.catalog.listing import list_datasets
 from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import few_published, little_published
 from tests.support.image_world import record_images

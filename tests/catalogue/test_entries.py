@@ -4,7 +4,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from swarmdata.catalogue.entries import collisions_on, find_entries, in_sizes
-from swarmdata.hub.catalog.catalog import list_datasets
+from swarmdata.hub.catalog.listing import list_datasets
 from swarmdata.registry.published import published
 from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import little_published

@@ -24,6 +24,7 @@ from typer.testing import CliRunner
 
 import swarmdata
 from swarmdata.cli.main import app
+from swarmdata.registry.published import Published, TaskReferences
 from swarmdata.specs.origins.log_origin import ImportedLogs
 
 SAMPLES = {
@@ -254,8 +255,7 @@ CASES = (
     Case("references coop_nav", (f"{RESULTS}.target_evaluation:measure_references",),
          idle={"--out": LATER}),
     Case("references coop_nav", (f"{REGENERATE}:put_entries",),
-         {f"{RESULTS}.target_evaluation:measure_references":
-              SimpleNamespace(model_dump=lambda mode: {})},
+         {f"{RESULTS}.target_evaluation:measure_references": TaskReferences("", 1, {}, {})},
          idle={"--episodes": "nothing is measured here"}),
     *(Case(f"catalogue build {what}", CATALOGUE)
       for what in ("coop_nav-medium", "--minis", "coop_nav-medium --all")),
@@ -278,7 +278,7 @@ CASES = (
                "--out": LATER}),
     Case("registry update --id coop_nav-medium", (f"{REGENERATE}:put_entries",),
          {f"{REGENERATE}:make_again":
-              SimpleNamespace(model_dump=lambda mode: {}, n_steps=1, digest="")},
+              Published(1, 1, 0.0, 0.0, 0.0, "coop_nav", 1, "", "", "", 1, {}, {})},
          idle={"--id": "the boundary ends the command at the first id",
                "--cached": "nothing is built here",
                "--engine": "nothing is built here",

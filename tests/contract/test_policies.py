@@ -8,7 +8,8 @@ import pytest
 from swarmdata.registry import components
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.registry.recipes import LEARNED_FAMILIES, TRAINED_TIERS, Checkpoint, checkpoints
+from swarmdata.registry.recipes import Checkpoint, checkpoints
+from swarmdata.registry.tiers import LEARNED_FAMILIES, TRAINED_TIERS
 from swarmdata.specs.rules import PACKAGE_RULES, rules_model
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy

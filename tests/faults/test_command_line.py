@@ -147,7 +147,7 @@ def test_nor_does_a_command(
         logging.getLogger("swarmdata").warning(HOSTILE)
         raise OSError(5, HOSTILE, HOSTILE)
 
-    monkeypatch.setattr("swarmdata.hub.catalog.catalog.list_datasets", hostile)
+    monkeypatch.setattr("swarmdata.hub.catalog.listing.list_datasets", hostile)
     monkeypatch.setattr("sys.argv", ["swarmdata", "list"])
     monkeypatch.setattr(warnings, "formatwarning", warnings.formatwarning)
     with pytest.raises(SystemExit) as caught:

@@ -8,7 +8,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.evaluation.runs.train import train
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import references
-from swarmdata.registry.recipes import CONVENTION_FAMILIES, FAMILY_SPECS
+from swarmdata.registry.recipes import FAMILY_SPECS
+from swarmdata.registry.tiers import CONVENTION_FAMILIES
 from swarmdata.rollouts.evaluate import evaluate
 
 pytestmark = pytest.mark.learns

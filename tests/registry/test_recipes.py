@@ -10,15 +10,9 @@ from hypothesis import strategies as st
 
 from swarmdata.behavior_policies.checkpoint_files import read_checkpoint
 from swarmdata.errors import BuildError, UnknownNameError
-from swarmdata.registry import recipes
+from swarmdata.registry import recipes, tiers
 from swarmdata.registry.recipes import (
-    CONVENTION_FAMILIES,
-    FAMILIES,
     FAMILY_SPECS,
-    LEARNED_FAMILIES,
-    STRICT_FAMILIES,
-    TIERS,
-    TRAINED_TIERS,
     Checkpoint,
     checkpoints,
     find_recipe,
@@ -26,6 +20,14 @@ from swarmdata.registry.recipes import (
     part_size,
     shipped_recipes,
     sources,
+)
+from swarmdata.registry.tiers import (
+    CONVENTION_FAMILIES,
+    FAMILIES,
+    LEARNED_FAMILIES,
+    STRICT_FAMILIES,
+    TIERS,
+    TRAINED_TIERS,
 )
 from swarmdata.specs.recipe import PolicySource, Recipe
 
@@ -59,8 +61,8 @@ def trained(monkeypatch: pytest.MonkeyPatch) -> Mapping[str, Recipe]:
         return table.get(STRICT_FAMILIES.get(family, family), {}).get(tier, ())
 
     monkeypatch.setattr(recipes, "checkpoints", found)
-    monkeypatch.setattr(recipes, "_index", lambda: table)
-    monkeypatch.setattr(recipes, "outlines", recipes.outlines.__wrapped__)
+    monkeypatch.setattr(tiers, "checkpoint_index", lambda: table)
+    monkeypatch.setattr(recipes, "outlines", tiers.outlines.__wrapped__)
     return shipped_recipes.__wrapped__()
 
 
@@ -199,7 +201,7 @@ def test_shipped_checkpoints_are_those_of_the_index(family: str, tier: str) -> N
 
 def test_no_file_lies_beside_those_of_the_index() -> None:
     folder = files("swarmdata.behavior_policies") / "checkpoints"
-    index = recipes._index()
+    index = tiers.checkpoint_index()
     files_of = (checkpoints(family, tier) for family in index for tier in index[family])
     known = {each.file for found in files_of for each in found}
     assert {each.name for each in folder.iterdir()} == known | {"index.json"}

@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SpecError
-from swarmdata.registry.recipes import TIERS, shipped_recipes
+from swarmdata.registry.recipes import shipped_recipes
+from swarmdata.registry.tiers import TIERS
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import (
     FileName,

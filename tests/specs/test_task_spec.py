@@ -13,12 +13,12 @@ from hypothesis import strategies as st
 import swarmdata
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.registry.recipes import find_recipe
-from swarmdata.specs import frozen
+from swarmdata.specs import WORLD_VERSION, frozen
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.rules import Rewards, changed_weights
-from swarmdata.specs.task_spec import WORLD_VERSION, TaskSpec
+from swarmdata.specs.task_spec import TaskSpec
 from tests.support.own_task import nothing_registered
 
 GOLDEN = Path(__file__).parents[1] / "golden"

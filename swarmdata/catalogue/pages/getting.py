@@ -11,9 +11,9 @@ from swarmdata.catalogue.entries import Entry
 from swarmdata.catalogue.pages.figures_shown import UNKNOWN, file_size, percent, score
 from swarmdata.datasets.action_scaling import action_scale, has_choices
 from swarmdata.errors import SchemaError
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import Spec
-from swarmdata.store.cache import cache_folder
 
 DIGITS = 12
 """Of a digest in print."""

@@ -4,16 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from swarmdata.catalogue.elements import Html, element, join, table
 from swarmdata.catalogue.entries import Entry, in_sizes
-from swarmdata.catalogue.pages.figures_shown import (
-    UNKNOWN,
-    file_size,
-    per_episode,
-    percent,
-    score,
-)
+from swarmdata.catalogue.pages.figures_shown import UNKNOWN, file_size, per_episode, percent, score
 from swarmdata.catalogue.pages.filters import choice, form, nothing_found
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.registry.recipes import NEWEST_VERSION
+from swarmdata.registry.tiers import NEWEST_VERSION
 
 SCRIPTS = ("core.js", "filters.js", "sorting.js", "listing.js")
 

@@ -121,9 +121,9 @@ def _export(
 ) -> Path:
     from swarmdata.datasets.dataset import Dataset
     from swarmdata.hub.catalog.catalog import load
-    from swarmdata.hub.remotes.outside_names import is_folder
     from swarmdata.interop.conversion.user_choices import absolute_path
     from swarmdata.interop.export import export_dataset
+    from swarmdata.runtime.outside_names import is_folder
 
     folder = absolute_path(source)
     dataset = Dataset.open(folder) if is_folder(folder) else load(source)

@@ -178,7 +178,7 @@ def _what_to_build(
     dataset: str, steps: int | None, out: Path | None
 ) -> "tuple[Recipe, Path, Path | None]":
     """The recipe, the dataset's folder, and a folder with the recipe's networks."""
-    from swarmdata.hub.catalog.catalog import dataset_folder
+    from swarmdata.hub.catalog.listing import dataset_folder
     from swarmdata.registry.recipes import find_recipe
     from swarmdata.specs.recipe import Recipe
 

@@ -61,8 +61,8 @@ def import_command(
     """
     from swarmdata.interop.logs import import_logs, remake_logs
     from swarmdata.interop.logs.map_files import read_map
+    from swarmdata.runtime.cache_folder import cache_folder
     from swarmdata.specs.origins.log_origin import ImportedLogs
-    from swarmdata.store.cache import cache_folder
 
     found, place = read_map(log_map), cache_folder() / "datasets"
     if isinstance(found, ImportedLogs):

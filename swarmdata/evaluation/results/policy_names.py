@@ -11,7 +11,6 @@ from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.runs.named_policies import open_run
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
-from swarmdata.hub.remotes.outside_names import is_folder, looks_like_path
 from swarmdata.interfaces import Policy
 from swarmdata.learn.deployment.onnx_policy import OnnxPolicy
 from swarmdata.learn.training.run_files import find_run
@@ -24,16 +23,11 @@ from swarmdata.registry.components import (
     make_task,
 )
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.recipes import (
-    TIERS,
-    TRAINED_TIERS,
-    find_recipe,
-    is_dataset,
-    shipped_recipes,
-    sources,
-)
+from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes, sources
+from swarmdata.registry.tiers import TIERS, TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.rollouts.side_policy import play_sides
+from swarmdata.runtime.outside_names import is_folder, looks_like_path
 from swarmdata.runtime.own_components import defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, SideSpec, task_of

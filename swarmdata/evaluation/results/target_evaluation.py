@@ -16,7 +16,8 @@ from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import TaskReferences
-from swarmdata.registry.recipes import TIERS, sources
+from swarmdata.registry.recipes import sources
+from swarmdata.registry.tiers import TIERS
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import Spec

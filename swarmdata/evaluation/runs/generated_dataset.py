@@ -14,12 +14,12 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import part_size, shipped_recipes
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models
 from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store.cache import cache_folder
 
 DEFAULT_STEPS = 50_000
 """Joint steps of a dataset unless more are asked for: those of a mini."""

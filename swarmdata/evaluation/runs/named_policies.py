@@ -14,7 +14,8 @@ from swarmdata.learn.training.run_files import find_run
 from swarmdata.registry.components import POLICIES, checkpoint_free_policies, policy_class
 from swarmdata.registry.components import make_policy as make_registered
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.recipes import FAMILY_SPECS, TRAINED_TIERS, sources
+from swarmdata.registry.recipes import FAMILY_SPECS, sources
+from swarmdata.registry.tiers import TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.recipe import PolicySource

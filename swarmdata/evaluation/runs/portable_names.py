@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from swarmdata.hub.remotes.outside_names import is_folder
+from swarmdata.runtime.outside_names import is_folder
 from swarmdata.specs.frozen import Frozen, is_file, is_inline
 from swarmdata.specs.model_choice import Source
 

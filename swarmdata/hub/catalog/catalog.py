@@ -6,7 +6,6 @@ the package if neither has it, so that everything works without a network.
 
 import warnings
 from collections.abc import Callable, Container, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
@@ -14,27 +13,16 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import DatasetError, SpecError, SwarmdataError
+from swarmdata.errors import SpecError
 from swarmdata.hub.catalog.identity import judge, misnamed
-from swarmdata.hub.catalog.request import Request, cached, cached_ids, is_offline, parse_request
-from swarmdata.registry.published import (
-    Reference,
-    published,
-    references,
-    references_of,
-)
-from swarmdata.registry.recipes import FAMILY_SPECS, Outline, outlines, shipped_recipes
-from swarmdata.runtime.documents import MAX_JSON_BYTES
+from swarmdata.hub.catalog.request import Request, cached, is_offline, parse_request
+from swarmdata.registry.published import Reference, references_of
 from swarmdata.runtime.own_components import import_function
-from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.model_choice import Source, check_messages, with_models
 from swarmdata.specs.origins import Origin, Spec
-from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import changed_weights, chosen_weights
-from swarmdata.store import open_store, read_manifest
-from swarmdata.store.arrays.layout import RECIPE
-from swarmdata.store.cache import cache_folder
-from swarmdata.store.stored_dataset import Verify, check_listing, check_spec, read_origin
+from swarmdata.store import open_store
+from swarmdata.store.stored_dataset import Verify, check_spec
 
 if TYPE_CHECKING:  # a cached dataset is opened without them
     from swarmdata.datasets.mixture import Mixture
@@ -48,92 +36,6 @@ class RebuiltDifferentlyWarning(UserWarning):
 
 class AnotherDatasetWarning(UserWarning):
     """A dataset has the id of a published one and is another, or its folder is named like one."""
-
-
-@dataclass(frozen=True)
-class DatasetInfo:
-    """One line of the catalog; figures that are unknown before a first build are None."""
-
-    id: str
-    task: str
-    tier: str
-    n_agents: int
-    n_steps: int
-    n_episodes: int | None
-    n_bytes: int | None
-    score: float | None  # of the mean return of its episodes; 0 no skill, 100 expert
-    digest: str | None
-    is_cached: bool
-
-
-def dataset_folder(recipe: Recipe) -> Path:
-    """Where the cache keeps the dataset of a recipe, whether it is there or not."""
-    return _dataset_folder(recipe.id)
-
-
-def _dataset_folder(dataset_id: str) -> Path:
-    return cache_folder() / "datasets" / dataset_id
-
-
-def list_datasets() -> list[DatasetInfo]:
-    """Returns every dataset of this version of the package, in the order of their ids."""
-    return [_info(dataset_id, outline) for dataset_id, outline in sorted(outlines().items())]
-
-
-def _info(dataset_id: str, outline: Outline) -> DatasetInfo:
-    """Neither the recipe nor, of what is published, the spec is read: each takes milliseconds."""
-    entry, anchors = published().get(dataset_id), references().get(outline.family)
-    known = entry or FAMILY_SPECS[outline.family]
-    return DatasetInfo(
-        id=dataset_id,
-        task=known.task,
-        tier=outline.tier,
-        n_agents=known.n_agents,
-        n_steps=entry.n_steps if entry else outline.n_steps,
-        n_episodes=entry.n_episodes if entry else None,
-        n_bytes=entry.n_bytes if entry else None,
-        score=anchors.score(entry.mean_return) if entry and anchors else None,
-        digest=entry.digest if entry else None,
-        is_cached=(_dataset_folder(dataset_id) / "manifest.json").exists(),
-    )
-
-
-def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
-    """Returns the datasets in the cache that the package has no recipe of, by id.
-
-    Only manifests and recipes are read, which takes a millisecond for each.
-
-    Returns:
-        Them, and for each folder that is no usable dataset one sentence that says why.
-    """
-    place = cache_folder() / "datasets"
-    found, problems = [], []
-    for name in sorted(set(cached_ids(place)) - shipped_recipes().keys()):
-        try:
-            found.append(_info_of_folder(place / name))
-        except (SwarmdataError, OSError) as error:
-            problems.append(f"{place / name}: {error}")
-    return found, problems
-
-
-def _info_of_folder(folder: Path) -> DatasetInfo:
-    manifest = read_manifest(folder)
-    check_listing(folder, manifest)
-    recipe = read_origin(folder, manifest, read_regular(folder / RECIPE, MAX_JSON_BYTES))
-    if (sentence := misnamed(folder, manifest)) is not None:
-        raise DatasetError(f"{sentence}.")
-    return DatasetInfo(
-        id=manifest.id,
-        task=recipe.spec.task,
-        tier=recipe.tier,
-        n_agents=recipe.spec.n_agents,
-        n_steps=manifest.n_steps,
-        n_episodes=manifest.n_episodes,
-        n_bytes=sum(file.size for file in manifest.files.values()),
-        score=None,
-        digest=manifest.digest,
-        is_cached=True,
-    )
 
 
 @overload

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.recipes import shipped_recipes
-from swarmdata.store import Manifest
-from swarmdata.store.cache import was_built_here
+from swarmdata.runtime.outside_names import is_id
+from swarmdata.store.manifest import Manifest, was_built_here
 
 Kind = Literal["published", "rebuilt", "another", "unknown"]
 

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.hub.remotes.outside_names import is_address, is_folder, is_id, looks_like_path
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, versions_of
 from swarmdata.runtime.atomic import is_vacant
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.outside_names import is_address, is_folder, is_id, looks_like_path
 from swarmdata.specs.origins import parse_origin
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import CARD, DATA, MANIFEST, RECIPE
-from swarmdata.store.cache import cache_folder
 from swarmdata.store.manifest import MadeFrom, is_finished, read_manifest, recipe_hash
 from swarmdata.store.recognition import no_folder
 
@@ -95,13 +95,6 @@ def lost_edit(folder: Path) -> "Edit | None":
     except (OSError, SpecError):  # absent, or a file of the user's
         return None
     return cast("Edit", origin) if origin.kind == "edit" else None
-
-
-def cached_ids(place: Path) -> list[str]:
-    """Ids of the finished datasets in a cache's folder of datasets."""
-    return [
-        path.name for path in place.glob("*-v*") if is_id(path.name) and (path / MANIFEST).exists()
-    ]
 
 
 def parse_request(name: str | Path, path: Path | str | None = None) -> Request:

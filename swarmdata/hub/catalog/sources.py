@@ -23,12 +23,12 @@ from swarmdata.errors import (
     UnknownNameError,
 )
 from swarmdata.hub.catalog.identity import judge
+from swarmdata.hub.catalog.listing import cached_ids
 from swarmdata.hub.catalog.request import (
     OFFLINE_VARIABLES,
     Found,
     Request,
     cached,
-    cached_ids,
     lost_edit,
     request_of_id,
     request_of_recipe,
@@ -36,12 +36,12 @@ from swarmdata.hub.catalog.request import (
 )
 from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.outside_names import is_id
 from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import Recipe

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +11,15 @@ from tqdm import tqdm
 
 from swarmdata.building.build import build
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
-from swarmdata.hub.catalog.catalog import dataset_folder
+from swarmdata.hub.catalog.listing import dataset_folder
 from swarmdata.registry.published import Published, changed_versions, published
 from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes
 from swarmdata.runtime.batches import Failures
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import open_store, write_file
-from swarmdata.store.cache import cache_folder
 from swarmdata.store.manifest import is_finished
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import remove_scratch, scratch_folder
@@ -124,7 +124,7 @@ def make_again(
 def differences(dataset: str, entry: Published, found: Published) -> tuple[Difference, ...]:
     """What differs but for versions and platform, which alone are no difference."""
     mine, theirs = (
-        dict(_values("", each.model_dump(exclude={"made_with"}))) for each in (found, entry)
+        dict(_values("", asdict(replace(each, made_with={})))) for each in (found, entry)
     )
     return tuple(
         Difference(dataset, what, _shown(theirs.get(what)), _shown(mine.get(what)))

@@ -13,10 +13,10 @@ from platformdirs import user_config_path
 
 from swarmdata.errors import AddressError, SpecError, UnknownNameError
 from swarmdata.hub.remotes.interface import Remote
-from swarmdata.hub.remotes.outside_names import MAX_ID_LENGTH, is_id
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.outside_names import MAX_ID_LENGTH, is_id
 from swarmdata.runtime.own_components import ComponentTable, import_component, register
 
 HUB_SCHEMES, FOLDER_SCHEMES, WEB_SCHEMES = ("hf",), ("file",), ("http", "https")

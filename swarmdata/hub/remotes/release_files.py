@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 from swarmdata.errors import GateError, HubError, ManifestError, VersionTakenError
 from swarmdata.hub.remotes.interface import Release, Remote
-from swarmdata.hub.remotes.outside_names import hostile_names, unsafe_names
+from swarmdata.runtime.outside_names import hostile_names, unsafe_names
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_files, misplaced_files
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, Manifest, read_manifest
 

@@ -17,12 +17,12 @@ from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.hub.streaming.remote_arrays import RemoteArrays
 from swarmdata.hub.streaming.window_sampler import WindowSampler
 from swarmdata.registry.published import Reference
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import RECIPE
 from swarmdata.store.arrays.running_moments import Moments as RunningMoments
-from swarmdata.store.cache import cache_folder
 from swarmdata.store.stored_dataset import check_listing, check_spec, read_origin, read_table
 from swarmdata.types import Double, Int, shortened
 

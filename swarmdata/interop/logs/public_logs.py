@@ -24,13 +24,13 @@ from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull_dataset import difference, fetch_checked
 from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.runtime.atomic import staged
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.runtime.regular_files import check_regular
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.plain_names import Sha256, Text
 from swarmdata.store.arrays.layout import MANIFEST
-from swarmdata.store.cache import cache_folder
 from swarmdata.store.manifest import FileEntry, read_manifest
 
 

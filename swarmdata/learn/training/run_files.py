@@ -29,8 +29,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from swarmdata.errors import BuildError, UnknownNameError
-from swarmdata.hub.remotes.outside_names import is_folder
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.outside_names import is_folder
 
 CONFIG, LOSSES, CURVE, CHECKPOINT, KEPT, POLICIES, SPEED, REPLAY_FOLDER = (
     "config.json",

@@ -20,6 +20,7 @@ from typing import Any, Literal, NamedTuple
 import google_crc32c
 import numpy as np
 
+from swarmdata.runtime import cache_folder
 from swarmdata.specs.plain_names import is_file_name
 
 FORMAT_VERSION = 2
@@ -29,7 +30,7 @@ Raised only when an older library could not read the data; new keys and arrays d
 dataset says the lowest version that can read it, see `format_version`.
 """
 
-DATA, MANIFEST, RECIPE, CARD = "data.zarr", "manifest.json", "recipe.json", "card.md"
+DATA, MANIFEST, RECIPE, CARD = "data.zarr", cache_folder.MANIFEST, "recipe.json", "card.md"
 """Names inside a dataset's folder."""
 
 REFERENCES = "references.json"

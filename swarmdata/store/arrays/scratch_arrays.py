@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.runtime.atomic import disk_full_explained
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.mapped_pages import mapping_of
-from swarmdata.store.cache import cache_folder
 
 MEMORY_BYTES = 256 << 20
 """Most bytes of arrays that are kept in memory; more are in files."""

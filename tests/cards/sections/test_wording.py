@@ -12,7 +12,8 @@ from swarmdata.cards.sections.wording import (
 )
 from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
-from swarmdata.registry.recipes import STRICT_FAMILIES, find_recipe, shipped_recipes
+from swarmdata.registry.recipes import find_recipe, shipped_recipes
+from swarmdata.registry.tiers import STRICT_FAMILIES
 from swarmdata.specs.rules import PACKAGE_RULES
 
 

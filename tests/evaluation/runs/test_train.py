@@ -31,7 +31,8 @@ from swarmdata.perception.frames import find_frame
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Reference
-from swarmdata.registry.recipes import LEARNED_FAMILIES, checkpoints
+from swarmdata.registry.recipes import checkpoints
+from swarmdata.registry.tiers import LEARNED_FAMILIES
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.command_line import run

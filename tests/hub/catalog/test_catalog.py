@@ -2,6 +2,7 @@
 
 import shutil
 import warnings
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType
@@ -11,12 +12,13 @@ import pytest
 
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
 from swarmdata.hub.catalog import catalog, identity, request
-from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, list_datasets, load
-from swarmdata.registry.published import Published, published
+from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, load
+from swarmdata.hub.catalog.listing import list_datasets
+from swarmdata.registry.published import published
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import chosen_weights
 from swarmdata.store import open_store
-from swarmdata.store.cache import note_build
+from swarmdata.store.manifest import note_build
 from swarmdata.store.publication import publication
 from tests.support.measured import references_at
 from tests.support.own_rewards import effort
@@ -138,9 +140,7 @@ def test_other_digest_than_the_published_is_kept_with_a_warning(
     stored = open_store(tiny)
     note_build(stored.manifest)
     right = publication(stored)
-    wrong = Published(
-        **{**right.model_dump(), "digest": "0" * 64, "made_with": {"pymunk": "1.2.3"}}
-    )
+    wrong = replace(right, digest="0" * 64, made_with={"pymunk": "1.2.3"})
 
     monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: right}))
     with warnings.catch_warnings():

@@ -4,7 +4,7 @@ import json
 import shutil
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -25,11 +25,12 @@ from swarmdata.hub.catalog.repair import examine, find_blockers
 from swarmdata.hub.catalog.request import request_of_address
 from swarmdata.hub.catalog.sources import Remotes, obtain
 from swarmdata.registry.published import Published
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import Role
 from swarmdata.store import Manifest, open_store, read_manifest
 from swarmdata.store.arrays.layout import array_file
-from swarmdata.store.cache import cache_folder, note_build
+from swarmdata.store.manifest import note_build
 from swarmdata.store.stored_dataset import Verify
 from tests.support.command_line import run
 from tests.support.pairs import slow
@@ -164,7 +165,7 @@ def test_what_was_built_here_is_known_to_be(
     tmp_path: Path, published: Published, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """By a record in the cache, which a copy from elsewhere does not bring along."""
-    other = published.model_copy(update={"digest": "0" * 64})
+    other = replace(published, digest="0" * 64)
     monkeypatch.setattr(identity, "published", lambda: {TINY.id: other})
     folder = build(TINY, tmp_path / "d", workers=1, progress=False)
     found = judge(read_manifest(folder))
@@ -173,7 +174,7 @@ def test_what_was_built_here_is_known_to_be(
     assert "so this machine computes something else" in found.sentence
     with pytest.warns(RebuiltDifferentlyWarning, match="built here"):
         load(folder)
-    older = other.model_copy(update={"made_with": {"pymunk": "1.2.3"}})
+    older = replace(other, made_with={"pymunk": "1.2.3"})
     monkeypatch.setattr(identity, "published", lambda: {TINY.id: older})
     assert "instead of 1.2.3" in judge(read_manifest(folder)).sentence
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.hub.catalog.catalog import own_datasets
+from swarmdata.hub.catalog.listing import own_datasets
 from swarmdata.store.arrays.layout import DATA
 from tests.support.tiny import TINY, make_tiny
 

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError, UnknownNameError
-from swarmdata.hub.catalog.catalog import dataset_folder
+from swarmdata.hub.catalog.listing import dataset_folder
 from swarmdata.hub.publishing import regenerate
 from swarmdata.hub.publishing.regenerate import (
     Check,
@@ -70,7 +71,7 @@ def test_an_entry_says_what_is_in_a_dataset(tmp_path: Path) -> None:
         assert sum(getattr(each, name) for each in entry.policies.values()) == getattr(entry, name)
     only_b = dataset.filter(policy="b").episodes
     assert entry.policies["b"].mean_return == pytest.approx(only_b.team_return.mean())
-    assert Published.parse(entry.model_dump(mode="json")) == entry
+    assert Published.parse(asdict(entry)) == entry
 
 
 def test_the_same_again_is_no_difference(
@@ -86,15 +87,16 @@ def test_the_same_again_is_no_difference(
 
 
 def test_every_difference_is_named(monkeypatch: pytest.MonkeyPatch, entry: Published) -> None:
-    other = entry.policies["b"].model_copy(update={"mean_return": 7.5})
-    changes = {
-        "digest": "0" * 64,
-        "n_bytes": entry.n_bytes + 1,
-        "recipe_hash": "1" * 64,
-        "policies": {**entry.policies, "b": other},
-        "made_with": {**entry.made_with, "pymunk": "1.2.3", "platform": "Moon"},
-    }
-    publish(monkeypatch, {TINY.id: entry.model_copy(update=changes)})
+    other = replace(entry.policies["b"], mean_return=7.5)
+    changed = replace(
+        entry,
+        digest="0" * 64,
+        n_bytes=entry.n_bytes + 1,
+        recipe_hash="1" * 64,
+        policies={**entry.policies, "b": other},
+        made_with={**entry.made_with, "pymunk": "1.2.3", "platform": "Moon"},
+    )
+    publish(monkeypatch, {TINY.id: changed})
     found = only((TINY.id,))
 
     names = [each.what for each in found.differences]
@@ -108,7 +110,7 @@ def test_every_difference_is_named(monkeypatch: pytest.MonkeyPatch, entry: Publi
 
 
 def test_a_policy_that_came_or_went_is_a_difference(entry: Published) -> None:
-    without = entry.model_copy(update={"policies": {"a": entry.policies["a"]}})
+    without = replace(entry, policies={"a": entry.policies["a"]})
     found = differences(TINY.id, without, entry)
 
     assert {each.what.rpartition(".")[0] for each in found} == {"policies.b"}

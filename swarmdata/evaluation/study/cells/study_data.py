@@ -23,11 +23,11 @@ from swarmdata.evaluation.study.plan import Size
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.published import Figures, published
 from swarmdata.registry.recipes import find_recipe, is_dataset
+from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import check_installed, task_of
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.rules import RewardChoice, changed_weights, chosen_weights
-from swarmdata.store.cache import cache_folder
 from swarmdata.store.publication import figures_of
 
 FULL, MINI = "full", "mini"

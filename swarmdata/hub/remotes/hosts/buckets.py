@@ -16,9 +16,9 @@ from swarmdata.hub.remotes.network.backoff import (
     refuse_offline,
 )
 from swarmdata.hub.remotes.network.pace import Meter, Pace, watched
-from swarmdata.hub.remotes.outside_names import is_id, split_id
 from swarmdata.hub.remotes.release_files import check_size, files_to_publish, version_taken
 from swarmdata.runtime.extras import require_extra
+from swarmdata.runtime.outside_names import is_id, split_id
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 

@@ -9,10 +9,10 @@ from swarmdata.errors import AbsentFileError, BuildError, HubError
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS
-from swarmdata.hub.remotes.outside_names import ID_PATTERN, is_id, split_id
 from swarmdata.hub.remotes.release_files import check_size, files_to_publish, version_taken
 from swarmdata.runtime.atomic import new_folder, remove_leftovers, write_file
 from swarmdata.runtime.locking import locked
+from swarmdata.runtime.outside_names import ID_PATTERN, is_id, split_id
 from swarmdata.store.arrays.layout import MANIFEST
 
 

@@ -11,9 +11,9 @@ from swarmdata.hub.remotes.hosts.hub_calls import HubCalls, Listed, quiet
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
-from swarmdata.hub.remotes.outside_names import is_id, split_id
 from swarmdata.hub.remotes.release_files import check_size, files_to_publish, version_taken
 from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.outside_names import is_id, split_id
 from swarmdata.store.arrays.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 from swarmdata.store.scratch import remove_scratch, scratch_folder

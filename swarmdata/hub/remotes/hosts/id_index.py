@@ -3,8 +3,8 @@
 import json
 
 from swarmdata.errors import HubError, SpecError
-from swarmdata.hub.remotes.outside_names import is_id
 from swarmdata.runtime.documents import parse_json
+from swarmdata.runtime.outside_names import is_id
 
 INDEX_FILE = "index.json"
 """Its name, beside the folders of the datasets."""

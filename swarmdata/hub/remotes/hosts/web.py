@@ -15,7 +15,7 @@ from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline, seconds
 from swarmdata.hub.remotes.network.connections import opened, opener
 from swarmdata.hub.remotes.network.pace import Pace
-from swarmdata.hub.remotes.outside_names import split_id
+from swarmdata.runtime.outside_names import split_id
 from swarmdata.store.arrays.layout import MANIFEST
 
 BLOCK_BYTES = 1 << 16

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import AddressError
-from swarmdata.hub.remotes.outside_names import hostile_names, is_id, split_id, unsafe_names
+from swarmdata.runtime.outside_names import hostile_names, is_id, split_id, unsafe_names
 
 
 @given(st.text(max_size=120))
