@@ -107,7 +107,7 @@ clips: $(STAMPS)/package
 	  --out cards/worlds/coop_nav-lidar-lossy.gif
 
 test: $(STAMPS)/test
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+	$(BIN)/python -m pytest -n 2 --dist loadfile $(ARGS)
 
 core:
 	rm -rf .venv-core

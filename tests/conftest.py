@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from functools import cache
 from itertools import count
@@ -47,29 +46,6 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "quick"))
 WHOLE_FILE = re.compile(r"^pytestmark = \[?\s*pytest\.mark\.(slow|learns)\b", re.MULTILINE)
 """The mark that all tests of a file have; of several, it is the first."""
 
-LONG = frozenset(
-    {
-        "building/test_rebuild.py",
-        "catalogue/test_build_catalogue.py",
-        "catalogue/test_index_in_browser.py",
-        "contract/test_nothing_private.py",
-        "contract/test_online_algorithms.py",
-        "docs/test_generated_pages.py",
-        "evaluation/leaderboard/test_verify.py",
-        "evaluation/study/pages/test_study_folder.py",
-        "evaluation/tuning/test_tune.py",
-        "examples/test_read_with_zarr.py",
-        "faults/test_disks.py",
-        "faults/test_processes.py",
-        "faults/test_recording.py",
-        "hub/catalog/test_repair.py",
-        "hub/streaming/test_streamed_dataset.py",
-        "interop/logs/test_fitted_twin.py",
-        "online_algos/test_online_learning.py",
-    }
-)
-"""Files of few tests that take seconds."""
-
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption(
@@ -98,15 +74,6 @@ def pytest_collection() -> Generator[None, object, object]:
     gc.set_threshold(50_000, 50, 100)
     gc.enable()
     return found
-
-
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Workers begin with what is long and go on with files of most tests, so they end together."""
-    if hasattr(config, "workerinput"):  # with --no-loadscope-reorder, this is the order of files
-        folder = Path(__file__).parent
-        names = {path: str(path.relative_to(folder)) for path in {item.path for item in items}}
-        sizes = Counter(item.path for item in items)
-        items.sort(key=lambda item: (names[item.path] not in LONG, -sizes[item.path]))
 
 
 @pytest.fixture

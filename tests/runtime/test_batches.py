@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 from swarmdata.cli.main import app
 from swarmdata.errors import BatchError, DiskFullError, SchemaError, SpecError
+from swarmdata.registry.published import TaskReferences
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import do_jobs
@@ -64,14 +65,10 @@ def test_jobs_of_every_engine_go_on(tmp_path: Path, workers: int) -> None:
 def test_references_of_the_other_tasks_are_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Table:
-        def model_dump(self, **_: object) -> dict[str, int]:
-            return {"n_episodes": 3}
-
-    def measure(task: str, *_: object, **__: object) -> Table:
+    def measure(task: str, *_: object, **__: object) -> TaskReferences:
         if task == "transport":
             raise SchemaError("too heavy")
-        return Table()
+        return TaskReferences("0" * 64, n_episodes=3, made_with={}, policies={})
 
     place = "swarmdata.evaluation.results.target_evaluation.measure_references"
     monkeypatch.setattr(place, measure)

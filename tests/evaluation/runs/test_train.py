@@ -77,8 +77,9 @@ def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> Non
     assert config != MAPPOConfig()
     assert config.n_steps >= 100_000 or config.critic_warmup_fraction == 1  # clones are short
     task = max((each for each in preset_names() if name.startswith(f"{each}-")), key=len)
-    env = make_env(preset(task), 1)
-    assert (find_frame(env.features, config.frame) is None) == (config.frame == "world")
+    spec = preset(task)
+    frame = find_frame(make_env(spec, 1).features, config.frame, spec.robots)
+    assert (frame is None) == (config.frame == "world")
 
 
 def test_the_shipped_experts_have_settings() -> None:
