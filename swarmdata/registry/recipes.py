@@ -1,4 +1,4 @@
-"""The recipes of the shipped datasets: policies with their shares, made of outlines."""
+"""The recipes of the shipped datasets: for each outline, the policies and their shares."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -6,7 +6,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.optim.adam import adam as adam_
+from torch.optim.adam import adam as adam_step
 
 from swarmdata.learn.networks.perceptrons import StackedLayers, backward, move_target, unpadded
 
@@ -15,8 +15,8 @@ class StackedAdam:
     """Adam (Kingma & Ba 2015) on the one buffer of stacked networks.
 
     Adam works element by element, so the seeds do not see each other, and rounds all elements
-    alike (`StackedLayers.padded`). It is the function below `torch.optim.Adam`, whose objects load
-    the compiler of torch's graphs, which takes seconds.
+    alike (`StackedLayers.padded`). This calls the function behind `torch.optim.Adam`: an object of
+    that class imports torch's graph compiler, which takes seconds.
 
     Args:
         network: what to train; its rows are grouped by seed.
@@ -53,7 +53,7 @@ class StackedAdam:
         padded, (step, mean, square) = self.network.padded, self._state.values()
         assert padded.grad is not None
         with torch.no_grad():
-            adam_(
+            adam_step(
                 [padded], [padded.grad], [mean], [square], [], [step], fused=True, amsgrad=False,
                 beta1=0.9, beta2=0.999, lr=self._learning_rate * scale, weight_decay=0.0, eps=1e-8,
                 maximize=False,

@@ -92,7 +92,6 @@ def change(file: Path, **changes: Any) -> None:
 
 
 @pytest.mark.usefixtures("forked")
-@pytest.mark.usefixtures("forked")
 def test_an_honest_entry_is_verified(honest: Path) -> None:
     verdict = verify(honest, n_episodes=N_EPISODES)
     assert verdict.reasons == ()

@@ -37,7 +37,7 @@ def test_it_equals_plain_adam() -> None:
     torch.testing.assert_close(network.flat[0], expected, rtol=1e-5, atol=1e-6)
 
 
-def test_it_needs_no_compiler_of_graphs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_does_not_import_the_graph_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
     """Importing it takes longer than a short training."""
     monkeypatch.setitem(sys.modules, "torch._dynamo", None)
     network = network_of([5])
