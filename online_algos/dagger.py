@@ -9,8 +9,8 @@ t(s), policies pi(o), states s that the team met in a round, and data D of all r
                                               the policies in all others (beta_i = 0)
     (2) pi <- argmin mean |pi(o) - t(s)|^2    over D
 
-The teacher sees the state, where the policies see observations. A success that is somewhere between
-those of no skill and of the teacher can so be had in tasks where rewards teach nothing.
+The teacher sees the state, where the policies see observations. The policies of early rounds lie
+between no skill and the teacher, also in tasks whose rewards teach little.
 
 Deviations:
 - (2) goes on with the networks of the round before, for `n_passes` over the data;
