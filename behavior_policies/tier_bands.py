@@ -16,6 +16,7 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "formation-n8": {"success": 0.85},
         "intersection": {"success": 0.9, "clean_success": 0.75},
         "search": {"success": 0.9, "clean_success": 0.75},
+        "search-lift": {"success": 0.95, "clean_success": 0.6},
         "pursuit": {"success": 0.95, "clean_success": 0.5},
         "coop_nav-corridor-strict": {"success": 0.95},
         "coop_nav-swap-strict": {"success": 0.95},

@@ -4,7 +4,6 @@ MAPPO learns from the steps of its present policies only, so that recorded data 
 Of an offline run, it takes over actors whose actions are clipped; its critic begins anew.
 """
 
-import inspect
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -28,52 +27,41 @@ from swarmdata.online_algos.continuation.offline_start import (
     hidden_sizes,
     load_actors,
 )
-from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam
+from swarmdata.online_algos.imitation.avoiding_team import ActorTeam
+from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, clone_teacher
+from swarmdata.online_algos.imitation.teachers import TeacherSettings, find_teacher
 from swarmdata.online_algos.ppo.networks import Actors
-from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, Teacher, clone_teacher
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.perception.frames import Frame
-from swarmdata.registry.components import make_policy, policy_class
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
 from swarmdata.registry.tiers import FAMILIES, TRAINED_TIERS
 from swarmdata.specs.features import Feature
-from swarmdata.specs.task_spec import TaskSpec
 
 
 @dataclass(frozen=True)
-class StartConfig:
+class StartConfig(TeacherSettings):
     """What the actors start from; without policies and a teacher, their random weights.
+
+    With `avoidance` and no teacher, they clone their own policies, kept from contacts.
 
     Raises:
         SpecError: there is no round of cloning or no step in one, the noise is not a standard
-            deviation, a margin is negative, or the teacher's margin is given without a teacher.
+            deviation, or a setting of the teacher is wrong.
     """
 
     policies: str = ""  # a run's folder or a shipped tier
-    teacher: str = ""  # registered policy that the actors clone before training
-    teacher_margin: float = 0.0  # metres added to the radii that it plans with, for clones
-    avoidance: bool = False  # keeps the teacher, or else the policies, from contacts, for clones
-    surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
-    teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
     clone_rounds: int = 10  # rounds of states that the teacher labels
     clone_steps: int = 256  # of a round, in each world; the next round goes on from there
     clone_noise: float = 0.1  # standard deviation of the actions in these rounds
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ("clone_rounds", "clone_steps"):
             if getattr(self, name) < 1:
                 raise SpecError(f"{name} is {getattr(self, name)}, expected at least 1")
         if not 0.0 <= self.clone_noise < math.inf:
             raise SpecError(
                 f"clone_noise is {self.clone_noise:g}, expected a number that is not negative"
-            )
-        for name in ("teacher_margin", "surface_margin"):
-            margin = getattr(self, name)
-            if not 0.0 <= margin < math.inf:
-                raise SpecError(f"{name} is {margin:g} m, expected a length that is not negative")
-        if self.teacher_margin and not self.teacher:
-            raise SpecError(
-                "teacher_margin is set without a teacher; set teacher too, or leave the margin out"
             )
 
     @property
@@ -113,44 +101,9 @@ def initial_weights(
         config = CloneConfig(
             n_rounds=start.clone_rounds, rollout_steps=start.clone_steps, noise=start.clone_noise
         )
-        teacher: Teacher = ActorTeam(started.copy(), worlds)
-        if start.teacher:
-            teacher = make_teacher(start, worlds.env.spec)
-        if start.avoidance:
-            teacher = AvoidingTeam(teacher, worlds.env, start.surface_margin)
+        teacher = find_teacher(start, worlds, own=ActorTeam(started.copy(), worlds))
         clone_teacher(started, worlds, generators, teacher, config)
     return started
-
-
-def make_teacher(start: StartConfig, spec: TaskSpec) -> Policy:
-    """Builds the registered policy that is cloned in the task that `spec` describes.
-
-    With `teacher_margin`, it plans for larger robots, so that its clones, which are not exact, make
-    contact less often.
-
-    Raises:
-        SpecError: the policy has no memory that it can do without.
-        UnknownNameError: there is no such policy.
-    """
-    if start.teacher_margin:
-        spec = _with_larger_robots(spec, start.teacher_margin)
-    if start.teacher_remembers:
-        return make_policy(start.teacher, spec)
-    if "remembers" not in inspect.signature(policy_class(start.teacher, spec)).parameters:
-        raise SpecError(
-            f"start.teacher_remembers is false, but policy {start.teacher!r} of task {spec.task} "
-            "cannot decide without its memory, as 'scripted' of task search can. Leave it out."
-        )
-    return make_policy(start.teacher, spec, remembers=False)
-
-
-def _with_larger_robots(spec: TaskSpec, margin: float) -> TaskSpec:
-    """The spec with radii larger by `margin`, m."""
-    team = []
-    for role in spec.team:
-        robot = role.robot.model_copy(update={"radius": role.robot.radius + margin})
-        team.append(role.model_copy(update={"robot": robot}))
-    return spec.model_copy(update={"team": tuple(team)})
 
 
 def find_policy(source: str, seed: int, n_agents: int) -> Policy:
@@ -218,8 +171,8 @@ WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
 The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
 
 
-def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-    """Returns the settings of the run's actors, and `WHEN_STARTED`.
+def actor_settings(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+    """Returns the settings of the run's actors.
 
     Raises:
         CheckpointError: the run's policies are no actors whose actions are clipped, or have other
@@ -230,12 +183,15 @@ def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, s
     if len(hidden) != 2 or hidden[0] != hidden[1]:
         raise CheckpointError(
             f"the actors of {start.name} have hidden layers of {as_text(hidden)} units, expected "
-            "two of the same width, as mappo has them."
+            "two of the same width, as mappo and dagger have them."
         )
     frame = frame_name(actor.frame, features)
-    return {
-        "hidden": str(hidden[0]), "parameters": actor.parameters, "frame": frame, **WHEN_STARTED
-    }  # fmt: skip
+    return {"hidden": str(hidden[0]), "parameters": actor.parameters, "frame": frame}
+
+
+def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+    """Returns `actor_settings` and `WHEN_STARTED`; raises as the former."""
+    return actor_settings(start, features) | WHEN_STARTED
 
 
 def start_from(self: Any, start: OfflineStart) -> list[str]:

@@ -42,7 +42,7 @@ SPARE_COLORS = ("#D55E00", "#8A7F00", "#7B4BA8")
 """Of other families, so that none looks like one of those above."""
 
 FAMILY_OF = {
-    **dict.fromkeys(("bc", "filtered_bc"), "cloning"),
+    **dict.fromkeys(("bc", "filtered_bc", "dagger"), "cloning"),
     **dict.fromkeys(("maddpg_bc", "facmac_bc", "mappo", "maddpg", "matd3"), "actor-critic"),
     **dict.fromkeys(("iql", "omiga", "iql_cost"), "in-sample"),
     **dict.fromkeys(("cfcql", "omar", "icql_qs", "maddpg_cql"), "conservative"),

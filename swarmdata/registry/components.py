@@ -119,6 +119,7 @@ ONLINE_ALGORITHMS = ComponentTable(
         "maddpg": "swarmdata.online_algos.maddpg:MADDPG",
         "vdn": "swarmdata.online_algos.vdn:VDN",
         "qmix": "swarmdata.online_algos.qmix:QMIX",
+        "dagger": "swarmdata.online_algos.dagger:DAgger",
     },
 )
 

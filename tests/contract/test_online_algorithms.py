@@ -65,10 +65,15 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "vdn-world": ("vdn", {"hidden": (16,), "frame": "world", "n_gradient_steps": 2}),
     "qmix": ("qmix", {"hidden": (16,), "mixer_hidden": 8}),
+    "dagger": ("dagger", {"hidden": 16, "minibatch": 64}),
+    "dagger-avoiding": (
+        "dagger",
+        {"hidden": 16, "minibatch": 64, "parameters": "separate", "avoidance": True},
+    ),
     "qmix-separate": ("qmix", {"hidden": (16,), "mixer_hidden": 8, "parameters": "separate"}),
 }
 
-OF_EACH = ("mappo", "maddpg", "vdn-world", "qmix")
+OF_EACH = ("mappo", "maddpg", "vdn-world", "qmix", "dagger")
 """A variant of each algorithm."""
 OTHERS = [name for name in VARIANTS if name not in OF_EACH]
 
@@ -86,7 +91,7 @@ def test_every_online_algorithm_can_start_from_an_offline_run(name: str) -> None
 def test_the_algorithm_keeps_the_contract(variant: str, tmp_path: Path) -> None:
     name, changes = VARIANTS[variant]
     kind = resolve("algorithm", ONLINE_ALGORITHMS, name)
-    replay = {} if name == "mappo" else REPLAY
+    replay = {} if name in ("mappo", "dagger") else REPLAY
     config = kind.Config(**SHORT, **replay, **changes)
 
     def build(seeds: Sequence[int], folder: Path) -> Any:
@@ -100,9 +105,9 @@ def test_the_algorithm_keeps_the_contract(variant: str, tmp_path: Path) -> None:
 def test_a_run_that_began_with_a_clone_keeps_the_contract(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig
     from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
     from swarmdata.online_algos.ppo import initial_weights
-    from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig
 
     short = partial(CloneConfig, rollout_steps=6, n_passes=1, final_passes=1, minibatch=32)
     monkeypatch.setattr(initial_weights, "CloneConfig", short)

@@ -7,6 +7,7 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
 
+from swarmdata.online_algos.dagger import DAgger, DAggerConfig  # noqa: E402
 from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig  # noqa: E402
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig  # noqa: E402
 from swarmdata.online_algos.qmix import QMIX, QMIXConfig  # noqa: E402
@@ -87,6 +88,7 @@ EASY, PAIR = preset("coop_nav-easy"), TaskSpec.parse({"obstacles": NOTHING, "tea
         (QMIX, EASY, QMIXConfig(n_steps=130_000)),
         (MADDPG, EASY, MADDPGConfig(n_steps=60_000)),
         (MADDPG, EASY, MADDPGConfig(n_steps=60_000, corrections="none")),
+        (DAgger, EASY, DAggerConfig(n_steps=65_536, hidden=32)),
         (MAPPO, PAIR, MAPPOConfig(n_steps=400_000, hidden=32)),
         (MAPPO, PAIR, MAPPOConfig(n_steps=200_000, hidden=32, memory="gru", memory_size=16)),
     ],

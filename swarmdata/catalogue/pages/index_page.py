@@ -57,6 +57,11 @@ QUESTIONS = (
         ("pursuit-medium-replay", "coop_nav-corridor-strict-medium-expert", "search-strict-expert"),
         "robots that ignore each other solve nothing",
     ),
+    (
+        "learn to use messages?",
+        ("search-lift-expert", "search-lift-medium-expert"),
+        "without messages, robots seldom agree on the next victim",
+    ),
 )
 """What is asked, the datasets that answer it, and why, as docs/which-dataset.md says at length."""
 

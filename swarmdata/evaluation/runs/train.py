@@ -168,9 +168,8 @@ class OnlineTraining(Frozen):
         if self.data is not None:
             if not hasattr(kind, "mix_in"):
                 raise SchemaError(
-                    f"{self.algorithm} learns from the steps of its present policies only, so that "
-                    "recorded data cannot be mixed in. Leave out the data, or use maddpg, vdn or "
-                    "qmix."
+                    f"{self.algorithm} has no replay of transitions, so that recorded data cannot "
+                    "be mixed in. Leave out the data, or use maddpg, vdn or qmix."
                 )
             view = {
                 "observation": None if self.observation is None else spec.observation,

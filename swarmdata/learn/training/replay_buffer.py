@@ -82,7 +82,7 @@ class Replay:
         self.shape, self.path = shape, Path(folder) / REPLAY_FILE
         self.n_written = 0  # rows, ever
         self._checksums = np.zeros(shape.n_rows, np.int64)
-        self._ring = _open(self.path, shape.array)
+        self._ring = open_map(self.path, shape.array)
 
     def __len__(self) -> int:
         """Rows that can be drawn from."""
@@ -189,10 +189,13 @@ class Replay:
         self.n_written, self._checksums = n_written, checksums.copy()
 
 
-def _open(path: Path, shape: tuple[int, ...]) -> "np.memmap[Any, np.dtype[np.float32]]":
-    """Maps the ring file, made if there is none.
+def open_map(path: Path, shape: tuple[int, ...]) -> "np.memmap[Any, np.dtype[np.float32]]":
+    """Maps a file of float32, made if there is none.
 
     All of it is reserved at once: a full disk ends a process that writes to a map, without a word.
+
+    Raises:
+        CheckpointError: the file has another size.
     """
     size = 4 * int(np.prod(shape))
     if not path.exists():
@@ -201,7 +204,7 @@ def _open(path: Path, shape: tuple[int, ...]) -> "np.memmap[Any, np.dtype[np.flo
     found = path.stat().st_size
     if found != size:
         raise CheckpointError(
-            f"{path} has {found} bytes, expected {size}: it is the replay of another run. Choose "
+            f"{path} has {found} bytes, expected {size}: it belongs to another run. Choose "
             "another folder, or move that one away."
         )
     return np.memmap(path, np.float32, "r+", shape=shape)

@@ -25,6 +25,7 @@ from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.training.run_files import read_table, run_hash
 from swarmdata.learn.training.run_folder import read_run
 from swarmdata.learn.training.settings import from_json, override
+from swarmdata.online_algos.dagger import DAggerConfig
 from swarmdata.online_algos.mappo import MAPPOConfig
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.perception.frames import find_frame
@@ -72,10 +73,12 @@ def settings() -> list[str]:
 
 
 @pytest.mark.parametrize("name", CONFIGS)
-def test_shipped_settings_are_settings_of_mappo_for_their_task(name: str) -> None:
-    config = override(MAPPOConfig(), read_settings(name))
-    assert config != MAPPOConfig()
-    assert config.n_steps >= 100_000 or config.critic_warmup_fraction == 1  # clones are short
+def test_shipped_settings_are_settings_for_their_task(name: str) -> None:
+    changes = read_settings(name)
+    defaults = DAggerConfig() if "teacher" in changes else MAPPOConfig()
+    config: Any = override(defaults, changes)
+    assert config != defaults
+    assert config.n_steps >= 50_000 or config.critic_warmup_fraction == 1  # clones are short
     task = max((each for each in preset_names() if name.startswith(f"{each}-")), key=len)
     spec = preset(task)
     frame = find_frame(make_env(spec, 1).features, config.frame, spec.robots)

@@ -49,6 +49,7 @@ PAIRS = (
     ("maddpg", "bc"),
     ("maddpg", "maddpg_bc"),
     ("mappo", "bc-clip"),
+    ("dagger", "bc-clip"),
     ("vdn", "vdn"),
     ("vdn", "qmix"),
     ("qmix", "qmix"),
@@ -58,7 +59,7 @@ REPLAY = {"batch_size": "8", "capacity": "200", "margin": "200", "warmup_transit
 
 
 def small(algorithm: str) -> dict[str, str]:
-    own = {"minibatch": "64"} if algorithm == "mappo" else REPLAY
+    own = {"minibatch": "64"} if algorithm in ("mappo", "dagger") else REPLAY
     return {**SMALL, **own, **({"critic_hidden": "8"} if algorithm == "maddpg" else {})}
 
 
@@ -109,7 +110,7 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("algorithm", "offline"), PAIRS[1:4])
+@pytest.mark.parametrize(("algorithm", "offline"), PAIRS[1:5])
 def test_the_first_policies_are_those_of_the_offline_run(
     algorithm: str, offline: str, runs: dict[str, Path], task: str, tmp_path: Path
 ) -> None:
@@ -225,7 +226,7 @@ def test_another_task_and_other_seeds_are_refused(
 
 
 def test_data_need_a_replay_and_a_share(task: str, tiny: Path, tmp_path: Path) -> None:
-    with pytest.raises(SchemaError, match="mappo learns from the steps of its present policies"):
+    with pytest.raises(SchemaError, match="mappo has no replay of transitions"):
         train_online("mappo", task, tmp_path / "run", data=str(tiny))
     with pytest.raises(SpecError, match="the offline share is 1, expected above 0 and below 1"):
         train_online("vdn", task, tmp_path / "run", data=str(tiny), offline_share=1.0)

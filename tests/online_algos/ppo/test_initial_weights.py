@@ -16,15 +16,13 @@ from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import OnlineAlgorithm
 from swarmdata.learn.policies.policy_file import save_policy
 from swarmdata.learn.training.run_files import policy_path
+from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo import initial_weights as module
-from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights, make_teacher
-from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teacher
-from swarmdata.registry.components import make_env, make_policy
-from swarmdata.registry.presets import preset
+from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
+from swarmdata.registry.components import make_env
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
-from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Step
 
@@ -114,10 +112,6 @@ def test_a_shipped_tier_is_a_start() -> None:
     [
         ({"policies": "coop_nav-expert"}, BuildError, "seed 4 .* coop_nav-expert ships 4"),
         ({"avoidance": True}, SpecError, r"nothing to clone.*start\.policies=RUN"),
-        (
-            {"teacher": "straight", "teacher_remembers": False}, SpecError,
-            "'straight' of task coop_nav cannot decide without",
-        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_a_start_is_refused(
@@ -131,21 +125,6 @@ def test_a_seed_that_the_other_run_lacks_is_an_error(tmp_path: Path) -> None:
     saved(made((0,)), (0,), tmp_path)
     with pytest.raises(BuildError, match="no policy of seed 1"):
         made((0, 1), replace(SMALL, start=StartConfig(policies=str(tmp_path)))).prepare()
-
-
-def test_a_teacher_can_do_without_its_memory() -> None:
-    search = preset("search")
-    start = StartConfig(teacher="scripted", teacher_remembers=False)
-    forgetful, other = make_teacher(start, search), make_policy("scripted", search)
-    env = make_env(search, 4)
-    step = env.reset(np.arange(4, dtype=np.uint64))
-    for policy in (forgetful, other):
-        policy.reset(step, np.arange(4))
-    for _ in range(30):
-        actions = other.act(step)
-        forgotten = forgetful.act(step)
-        step = env.step(actions)
-    assert not np.array_equal(actions, forgotten)
 
 
 def test_the_weights_are_returned_and_the_actors_left_alone(tmp_path: Path) -> None:
@@ -179,31 +158,8 @@ def test_rounds_of_cloning_are_as_many_and_as_long_as_set(monkeypatch: pytest.Mo
         ({"clone_rounds": 0}, "clone_rounds is 0"),
         ({"clone_steps": 0}, "clone_steps is 0"),
         ({"clone_noise": -0.1}, "clone_noise is -0.1"),
-        ({"teacher_margin": -0.1}, "teacher_margin is -0.1 m"),
-        ({"surface_margin": -0.01}, "surface_margin is -0.01 m"),
-        ({"teacher_margin": 0.1}, "set without a teacher"),
     ],
 )
 def test_impossible_clones_are_refused(wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         StartConfig(**wrong)
-
-
-def test_a_teacher_with_a_margin_keeps_robots_farther_apart() -> None:
-    spec = preset("robotarium")
-    copies = np.arange(4)
-
-    def least_gap(margin: float) -> float:
-        env = make_env(spec, 4)
-        teacher = make_teacher(StartConfig(teacher="scripted", teacher_margin=margin), spec)
-        step = env.reset(copies.astype(np.uint64))
-        teacher.reset(step, copies)
-        least = np.inf
-        for _ in range(400):
-            step = env.step(teacher.act(step))
-            at = robots_of(step.states, spec.n_agents)[..., [X, Y]]
-            apart = np.linalg.norm(at[:, :, None] - at[:, None], axis=-1)
-            least = min(least, float(apart[apart > 0].min()))
-        return least - 2 * spec.robots[0].radius
-
-    assert least_gap(0.02) > least_gap(0.0) + 0.02

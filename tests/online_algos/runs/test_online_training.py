@@ -20,10 +20,10 @@ from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.training.run_files import CHECKPOINT, last_policy_path, policy_path, read_table
 from swarmdata.numerics.random import evaluation_seeds
+from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo import initial_weights
 from swarmdata.online_algos.ppo.initial_weights import StartConfig
-from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig
 from swarmdata.online_algos.runs import online_training
 from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, train_run
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig

@@ -6,7 +6,7 @@ round and 0 after. The learner acts with noise, so that it meets states that nee
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain, count
 from typing import Protocol
 
@@ -15,8 +15,9 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.learn.networks.optimizer import Descent, StackedAdam
 from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
+from swarmdata.online_algos.imitation.labelled_states import LabelledStates
 from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.online_algos.ppo.rollout_samples import minibatches, pick, sample_rows, seed_means
 from swarmdata.types import Float, Int, Step
@@ -65,66 +66,83 @@ def clone_teacher(
     teacher.reset(worlds.current_step, np.arange(worlds.env.n_copies))
     errors = []
     for k in tqdm(range(config.n_rounds), desc="cloning the teacher", unit="round", disable=None):
-        collected = _collect(actors, worlds, generators, teacher, config, teacher_acts=k == 0)
-        new = [sample_rows(torch.from_numpy(x), actors.parameters) for x in collected]
-        n_new = new[0].shape[1]
-        if k == 0:  # memory for all rounds: they are too large to be copied
-            data = [x.new_empty(len(x), config.n_rounds * n_new, x.shape[2]) for x in new]
-        for samples, x in zip(data, new, strict=True):
-            samples[:, k * n_new : (k + 1) * n_new] = x
-        n_known = (k + 1) * n_new
-        n_taken = min(config.n_passes * n_known, config.max_samples)
-        errors.append(_regress(actors, optimizer, generators, data, n_known, n_taken, config))
-    for index in range(config.final_passes):
-        slower = replace(config, learning_rate=config.learning_rate * 0.5 ** (index + 1))
-        errors[-1] = _regress(actors, optimizer, generators, data, n_known, n_known, slower)
+        new = collect(
+            actors, worlds, generators, teacher, config.rollout_steps, config.noise,
+            teacher_acts=k == 0,
+        )  # fmt: skip
+        if k == 0:
+            data = LabelledStates(
+                [x.new_empty(len(x), config.n_rounds * x.shape[1], x.shape[2]) for x in new]
+            )
+        data.append(new)
+        n_taken = min(config.n_passes * len(data), config.max_samples)
+        size, rate = config.minibatch, config.learning_rate
+        errors.append(regress(actors, optimizer, generators, data, n_taken, size, rate))
+    for _ in range(config.final_passes):
+        rate *= 0.5
+        errors[-1] = regress(actors, optimizer, generators, data, len(data), size, rate)
     return errors
 
 
-def _collect(
-    actors: Actors,
-    worlds: Worlds,
-    generators: Sequence[np.random.Generator],
-    teacher: Teacher,
-    config: CloneConfig,
-    *,
-    teacher_acts: bool,
-) -> tuple[Float, Float]:
-    """Actor inputs and the teacher's actions, [T, K, E, N, I] and [T, K, E, N, A]."""
+def collect(
+    actors: Actors, worlds: Worlds, generators: Sequence[np.random.Generator], teacher: Teacher,
+    n_steps: int, noise: float, *, teacher_acts: bool,
+) -> list[Tensor]:  # fmt: skip
+    """Lets the actors, or the teacher, act, and the teacher label each step.
+
+    Args:
+        actors: of K seeds.
+        worlds: to act in, from their current step on.
+        generators: of the noise, one per seed, [K].
+        teacher: remembers the running episodes.
+        n_steps: to take in every copy, T.
+        noise: standard deviation of that of the actions.
+        teacher_acts: whether its actions are taken, with the noise.
+
+    Returns:
+        Inputs of the actors and actions of the teacher, by network: [R, samples, I] and
+        [R, samples, A].
+    """
     all_inputs, labels = [], []
-    for _ in range(config.rollout_steps):
+    for _ in range(n_steps):
         step = worlds.current_step
         inputs = actors.inputs(worlds.observations(step))
         label = worlds.to_local(step, teacher.act(step)).astype(np.float32)
         all_inputs.append(inputs.numpy())
         labels.append(label)
         means = label if teacher_acts else actors.means(inputs).numpy()
-        noise = standard_normal(generators, means.shape[1:])
-        next_step = worlds.advance(means + np.float32(config.noise) * noise)
+        errors = standard_normal(generators, means.shape[1:])
+        next_step = worlds.advance(means + np.float32(noise) * errors)
         ended = np.flatnonzero(next_step.ended)
         if len(ended):
             teacher.reset(worlds.current_step, ended)
-    return np.stack(all_inputs), np.stack(labels)
+    both = (np.stack(all_inputs), np.stack(labels))  # [T, K, E, N, I] and [T, K, E, N, A]
+    return [sample_rows(torch.from_numpy(x), actors.parameters) for x in both]
 
 
-def _regress(
-    actors: Actors,
-    optimizer: StackedAdam,
-    generators: Sequence[np.random.Generator],
-    data: Sequence[Tensor],
-    n_known: int,
-    n_taken: int,
-    config: CloneConfig,
-) -> Tensor:
-    """Takes `n_taken` of the first `n_known` samples, all before any again; mean errors, [K]."""
-    total, taken = torch.zeros(len(generators)), 0
-    orders = (minibatches(generators, n_known, actors.n_rows, config.minibatch) for _ in count())
+def regress(
+    actors: Actors, optimizer: StackedAdam | Descent, generators: Sequence[np.random.Generator],
+    data: LabelledStates, n_taken: int, minibatch: int, learning_rate: float,
+) -> Tensor:  # fmt: skip
+    """Fits actors to labels, with `n_taken` samples, all before any again; mean errors, [K].
+
+    Args:
+        actors: changed.
+        optimizer: of their network, whose own learning rate is 1.
+        generators: of the order, one per seed, [K].
+        data: all that are known.
+        n_taken: samples.
+        minibatch: samples of a gradient step.
+        learning_rate: of Adam.
+    """
+    n_seeds = len(generators)
+    total, taken = torch.zeros(n_seeds), 0
+    orders = (minibatches(generators, len(data), actors.n_rows, minibatch) for _ in count())
     for rows in chain.from_iterable(orders):
-        inputs, labels = (pick(x, rows) for x in data)
-        loss = seed_means(
-            (actors.again(inputs[:, :, None]) - labels).square().mean(-1), len(generators)
-        )
-        optimizer.step(loss, config.learning_rate)
+        inputs, labels = (pick(x, rows) for x in data.arrays)
+        errors = (actors.again(inputs[:, :, None]) - labels).square().mean(-1)
+        loss = seed_means(errors, n_seeds)
+        optimizer.step(loss, learning_rate)
         total += loss.detach() * rows.shape[1]
         taken += rows.shape[1]
         if taken >= n_taken:

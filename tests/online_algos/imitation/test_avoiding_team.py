@@ -11,8 +11,8 @@ from swarmdata.behavior_policies.navigation.episode_maps import primitives_of
 from swarmdata.behavior_policies.navigation.robot_scales import Team
 from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import POCKET
+from swarmdata.online_algos.imitation.avoiding_team import ActorTeam, AvoidingTeam, make_safe
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.ppo.avoiding_team import ActorTeam, AvoidingTeam, make_safe
 from swarmdata.online_algos.ppo.initial_weights import StartConfig
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset

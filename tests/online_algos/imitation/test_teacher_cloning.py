@@ -10,10 +10,10 @@ pytest.importorskip("torch", reason="online algorithms need the torch extra")
 from torch import Tensor
 
 from swarmdata.interfaces import Policy
+from swarmdata.online_algos.imitation import teacher_cloning
+from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, clone_teacher
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.ppo import teacher_cloning
 from swarmdata.online_algos.ppo.rollout_samples import pick
-from swarmdata.online_algos.ppo.teacher_cloning import CloneConfig, clone_teacher
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on

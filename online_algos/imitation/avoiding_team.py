@@ -22,8 +22,8 @@ from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import VecEnv
 from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.imitation.teacher_cloning import Teacher
 from swarmdata.online_algos.ppo.networks import Actors
-from swarmdata.online_algos.ppo.teacher_cloning import Teacher
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
@@ -109,7 +109,7 @@ class AvoidingTeam:
         if kinds != {FILTERED_KIND}:
             found = ", ".join(" ".join(kind) for kind in sorted(kinds))
             raise SpecError(
-                f"start.avoidance is for {' '.join(FILTERED_KIND)} commands, the robots of "
+                f"avoidance is for {' '.join(FILTERED_KIND)} commands, the robots of "
                 f"{spec.task} have {found} commands; train without it"
             )
         self._teacher, self._team, self._margin = teacher, Team.of(spec), margin

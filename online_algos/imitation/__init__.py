@@ -1,0 +1,1 @@
+"""Teachers, and actors that clone them."""

@@ -1,0 +1,89 @@
+"""Which teacher actors clone, and how it is kept from contacts."""
+
+import inspect
+import math
+from dataclasses import dataclass
+
+from swarmdata.errors import SpecError
+from swarmdata.interfaces import Policy
+from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.imitation.avoiding_team import AvoidingTeam
+from swarmdata.online_algos.imitation.teacher_cloning import Teacher
+from swarmdata.registry.components import make_policy, policy_class
+from swarmdata.specs.task_spec import TaskSpec
+
+
+@dataclass(frozen=True)
+class TeacherSettings:
+    """A teacher, and how careful it is.
+
+    Raises:
+        SpecError: a margin is negative, or the teacher's margin is given without a teacher.
+    """
+
+    teacher: str = ""  # registered policy that the actors clone
+    teacher_margin: float = 0.0  # metres added to the radii that it plans with, for clones
+    avoidance: bool = False  # keeps what is cloned from contacts
+    surface_margin: float = 0.02  # metres that `avoidance` keeps from surfaces: `avoiding_team`
+    teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
+
+    def __post_init__(self) -> None:
+        for name in ("teacher_margin", "surface_margin"):
+            margin = getattr(self, name)
+            if not 0.0 <= margin < math.inf:
+                raise SpecError(f"{name} is {margin:g} m, expected a length that is not negative")
+        if self.teacher_margin and not self.teacher:
+            raise SpecError(
+                "teacher_margin is set without a teacher; set teacher too, or leave the margin out"
+            )
+
+
+def find_teacher(settings: TeacherSettings, worlds: Worlds, own: Teacher | None = None) -> Teacher:
+    """Returns the teacher of the actors in `worlds`.
+
+    Args:
+        settings: which one.
+        worlds: in which it labels states.
+        own: the teacher if the settings name none.
+
+    Raises:
+        SpecError: the settings name none and there is no other, or avoidance is for other robots.
+        UnknownNameError: there is no such policy.
+    """
+    teacher = make_teacher(settings, worlds.env.spec) if settings.teacher else own
+    if teacher is None:
+        raise SpecError("there is no teacher to clone, expected --set teacher=NAME")
+    if settings.avoidance:
+        return AvoidingTeam(teacher, worlds.env, settings.surface_margin)
+    return teacher
+
+
+def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
+    """Builds the registered policy that is cloned in the task that `spec` describes.
+
+    With `teacher_margin`, it plans for larger robots, so that its clones, which are not exact, make
+    contact less often.
+
+    Raises:
+        SpecError: the policy has no memory that it can do without.
+        UnknownNameError: there is no such policy.
+    """
+    if settings.teacher_margin:
+        spec = _with_larger_robots(spec, settings.teacher_margin)
+    if settings.teacher_remembers:
+        return make_policy(settings.teacher, spec)
+    if "remembers" not in inspect.signature(policy_class(settings.teacher, spec)).parameters:
+        raise SpecError(
+            f"teacher_remembers is false, but policy {settings.teacher!r} of task {spec.task} "
+            "cannot decide without its memory, as 'scripted' of task search can. Leave it out."
+        )
+    return make_policy(settings.teacher, spec, remembers=False)
+
+
+def _with_larger_robots(spec: TaskSpec, margin: float) -> TaskSpec:
+    """The spec with radii larger by `margin`, m."""
+    team = []
+    for role in spec.team:
+        robot = role.robot.model_copy(update={"radius": role.robot.radius + margin})
+        team.append(role.model_copy(update={"robot": robot}))
+    return spec.model_copy(update={"team": tuple(team)})
