@@ -34,18 +34,19 @@ from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.online_algos.collection.input_moments import measure_moments
+from swarmdata.online_algos.collection.input_moments import N_MEASURED, measure_moments
 from swarmdata.online_algos.collection.training_worlds import Worlds, pack, unpack
 from swarmdata.online_algos.continuation.offline_start import OfflineStart, load_actors
 from swarmdata.online_algos.imitation.labelled_states import StoredStates
 from swarmdata.online_algos.imitation.teacher_cloning import collect, regress
-from swarmdata.online_algos.imitation.teachers import TeacherSettings, find_teacher
+from swarmdata.online_algos.imitation.teachers import (
+    TeacherSettings,
+    kept_safe,
+    make_teacher,
+)
 from swarmdata.online_algos.ppo.initial_weights import actor_settings
 from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.perception.frames import find_frame
-
-N_MEASURED = 64
-"""Steps of every copy that measure the inputs."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +102,7 @@ class DAgger:
     ) -> None:
         self.config, self.seeds, self.frames = config, tuple(seeds), 0
         self.worlds = Worlds(env, seeds, find_frame(env.features, config.frame, env.spec.robots))
-        self.teacher = find_teacher(config, self.worlds)
+        self.teacher = kept_safe(make_teacher(config, env.spec), config, self.worlds)
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         moments = measure_moments(self.worlds, torch_generators(seeds, "cpu"), N_MEASURED)
         sizes = self.worlds.sizes

@@ -19,6 +19,10 @@ MIN_STD = 0.05
 """Smallest deviation of other features: training may vary them much more than random actions do."""
 
 
+N_MEASURED = 64
+"""Steps of every copy that measure the inputs, where no setting says how many."""
+
+
 class Moments(NamedTuple):
     """Mean and standard deviation of every feature, by seed.
 

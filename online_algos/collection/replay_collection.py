@@ -23,7 +23,12 @@ from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.learn.training.replay_buffer import Replay, Shape
 from swarmdata.learn.training.training_data import Data
-from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer, measure_moments
+from swarmdata.online_algos.collection.input_moments import (
+    N_MEASURED,
+    Moments,
+    SeedNormalizer,
+    measure_moments,
+)
 from swarmdata.online_algos.collection.recorded_rows import RecordedRows, joined
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.shaping.shaped_env import reweighted
@@ -32,9 +37,6 @@ from swarmdata.types import Batch
 
 ACTING_STREAM, SAMPLING_STREAM, MEASURING_STREAM = 10, 11, 12
 """Streams of a seed's generators."""
-
-N_MEASURED = 64
-"""Steps of every copy that measure the inputs."""
 
 
 @dataclass(frozen=True)

@@ -38,26 +38,6 @@ class TeacherSettings:
             )
 
 
-def find_teacher(settings: TeacherSettings, worlds: Worlds, own: Teacher | None = None) -> Teacher:
-    """Returns the teacher of the actors in `worlds`.
-
-    Args:
-        settings: which one.
-        worlds: in which it labels states.
-        own: the teacher if the settings name none.
-
-    Raises:
-        SpecError: the settings name none and there is no other, or avoidance is for other robots.
-        UnknownNameError: there is no such policy.
-    """
-    teacher = make_teacher(settings, worlds.env.spec) if settings.teacher else own
-    if teacher is None:
-        raise SpecError("there is no teacher to clone, expected --set teacher=NAME")
-    if settings.avoidance:
-        return AvoidingTeam(teacher, worlds.env, settings.surface_margin)
-    return teacher
-
-
 def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
     """Builds the registered policy that is cloned in the task that `spec` describes.
 
@@ -78,6 +58,17 @@ def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
             "cannot decide without its memory, as 'scripted' of task search can. Leave it out."
         )
     return make_policy(settings.teacher, spec, remembers=False)
+
+
+def kept_safe(teacher: Teacher, settings: TeacherSettings, worlds: Worlds) -> Teacher:
+    """Returns a teacher for `worlds`, with `avoidance` kept from contacts.
+
+    Raises:
+        SpecError: avoidance is for other robots.
+    """
+    if settings.avoidance:
+        return AvoidingTeam(teacher, worlds.env, settings.surface_margin)
+    return teacher
 
 
 def _with_larger_robots(spec: TaskSpec, margin: float) -> TaskSpec:

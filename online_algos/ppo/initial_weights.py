@@ -28,8 +28,8 @@ from swarmdata.online_algos.continuation.offline_start import (
     load_actors,
 )
 from swarmdata.online_algos.imitation.avoiding_team import ActorTeam
-from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, clone_teacher
-from swarmdata.online_algos.imitation.teachers import TeacherSettings, find_teacher
+from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, Teacher, clone_teacher
+from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
 from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.perception.frames import Frame
@@ -101,8 +101,11 @@ def initial_weights(
         config = CloneConfig(
             n_rounds=start.clone_rounds, rollout_steps=start.clone_steps, noise=start.clone_noise
         )
-        teacher = find_teacher(start, worlds, own=ActorTeam(started.copy(), worlds))
-        clone_teacher(started, worlds, generators, teacher, config)
+        teacher: Teacher = ActorTeam(started.copy(), worlds)
+        if start.teacher:
+            teacher = make_teacher(start, worlds.env.spec)
+        safe = kept_safe(teacher, start, worlds)
+        clone_teacher(started, worlds, generators, safe, config)
     return started
 
 
