@@ -39,7 +39,7 @@ from swarmdata.specs.recipe import Recipe
 
 STUDIES = Path(__file__).parents[2] / "cards/studies"
 FITTED_STUDY = STUDIES / "regimes"
-LATER_STUDIES = tuple(STUDIES / name for name in ("strict", "robotarium", "swap"))
+LATER_STUDIES = tuple(STUDIES / name for name in ("strict", "robotarium", "swap", "teams"))
 MEASURED = Path(__file__).parent / "auto_statistics.csv"
 FAMILY_OF_ABLATIONS = "ablations"
 
