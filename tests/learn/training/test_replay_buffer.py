@@ -127,7 +127,7 @@ def test_a_damaged_or_empty_ring_is_refused(tmp_path: Path) -> None:
 
 def test_a_ring_of_other_sizes_is_refused(tmp_path: Path) -> None:
     saved = filled(tmp_path, 2).state_dict()
-    with pytest.raises(CheckpointError, match=r"expected .* it is the belongs to another run"):
+    with pytest.raises(CheckpointError, match=r"expected .* it belongs to another run"):
         Replay(shape(capacity=6), tmp_path)
     with pytest.raises(CheckpointError, match="has 8 rows, expected 7"):
         Replay(shape(capacity=4), tmp_path / "other").load_state_dict(saved)
