@@ -36,7 +36,11 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.collection.input_moments import N_MEASURED, measure_moments
 from swarmdata.online_algos.collection.training_worlds import Worlds, pack, unpack
-from swarmdata.online_algos.continuation.offline_start import OfflineStart, load_actors
+from swarmdata.online_algos.continuation.offline_start import (
+    OfflineStart,
+    actor_settings,
+    load_actors,
+)
 from swarmdata.online_algos.imitation.labelled_states import StoredStates
 from swarmdata.online_algos.imitation.teacher_cloning import collect, regress
 from swarmdata.online_algos.imitation.teachers import (
@@ -44,7 +48,6 @@ from swarmdata.online_algos.imitation.teachers import (
     kept_safe,
     make_teacher,
 )
-from swarmdata.online_algos.ppo.initial_weights import actor_settings
 from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.perception.frames import find_frame
 
@@ -69,7 +72,7 @@ class DAggerConfig(TeacherSettings):
     n_passes: int = 2  # over all data so far, per round
     max_samples: int = 1_500_000  # robot samples that the passes of a round may take together
     minibatch: int = 2048  # robot samples
-    noise: float = 0.05  # standard deviation of that of the actions
+    noise: float = 0.05  # standard deviation of the noise on actions
 
     def __post_init__(self) -> None:
         super().__post_init__()

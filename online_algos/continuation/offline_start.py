@@ -195,6 +195,24 @@ def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
     )
 
 
+def actor_settings(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+    """Returns the settings of the run's actors.
+
+    Raises:
+        CheckpointError: the run's policies are no actors whose actions are clipped, or have other
+            hidden layers than two of one width.
+    """
+    actor = actor_of(start, squash=False)
+    hidden = hidden_sizes(actor.layers)
+    if len(hidden) != 2 or hidden[0] != hidden[1]:
+        raise CheckpointError(
+            f"the actors of {start.name} have hidden layers of {as_text(hidden)} units, expected "
+            "two of the same width, as mappo and dagger have them."
+        )
+    frame = frame_name(actor.frame, features)
+    return {"hidden": str(hidden[0]), "parameters": actor.parameters, "frame": frame}
+
+
 def load_actors(
     start: OfflineStart, seeds: Sequence[int], fitting: TorchPolicy, network: StackedLayers
 ) -> None:

@@ -94,9 +94,9 @@ def collect(
         actors: of K seeds.
         worlds: to act in, from their current step on.
         generators: of the noise, one per seed, [K].
-        teacher: remembers the running episodes.
+        teacher: which was reset when the running episodes began.
         n_steps: to take in every copy, T.
-        noise: standard deviation of that of the actions.
+        noise: standard deviation of the noise on actions.
         teacher_acts: whether its actions are taken, with the noise.
 
     Returns:
@@ -124,7 +124,7 @@ def regress(
     actors: Actors, optimizer: StackedAdam | Descent, generators: Sequence[np.random.Generator],
     data: LabelledStates, n_taken: int, minibatch: int, learning_rate: float,
 ) -> Tensor:  # fmt: skip
-    """Fits actors to labels, with `n_taken` samples, all before any again; mean errors, [K].
+    """Fits actors to labels and returns the mean errors, [K]; takes all samples before any again.
 
     Args:
         actors: changed.

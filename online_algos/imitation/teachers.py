@@ -61,7 +61,7 @@ def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
 
 
 def kept_safe(teacher: Teacher, settings: TeacherSettings, worlds: Worlds) -> Teacher:
-    """Returns a teacher for `worlds`, with `avoidance` kept from contacts.
+    """Returns the teacher, kept from contacts in `worlds` if `avoidance` is set.
 
     Raises:
         SpecError: avoidance is for other robots.

@@ -21,10 +21,7 @@ from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
-    actor_of,
-    as_text,
-    frame_name,
-    hidden_sizes,
+    actor_settings,
     load_actors,
 )
 from swarmdata.online_algos.imitation.avoiding_team import ActorTeam
@@ -172,24 +169,6 @@ WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
 """Settings of a training that starts from an offline run, where the user gives no others.
 
 The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
-
-
-def actor_settings(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-    """Returns the settings of the run's actors.
-
-    Raises:
-        CheckpointError: the run's policies are no actors whose actions are clipped, or have other
-            hidden layers than two of one width.
-    """
-    actor = actor_of(start, squash=False)
-    hidden = hidden_sizes(actor.layers)
-    if len(hidden) != 2 or hidden[0] != hidden[1]:
-        raise CheckpointError(
-            f"the actors of {start.name} have hidden layers of {as_text(hidden)} units, expected "
-            "two of the same width, as mappo and dagger have them."
-        )
-    frame = frame_name(actor.frame, features)
-    return {"hidden": str(hidden[0]), "parameters": actor.parameters, "frame": frame}
 
 
 def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:

@@ -57,13 +57,14 @@ def test_the_teacher_acts_in_the_first_round_only(
     assert len(run.states) == 3 * 32 * 4 * SPEC.n_agents, "of all rounds"
 
 
-def test_passes_end_where_a_round_has_taken_enough(
+def test_the_rate_falls_and_passes_end_where_a_round_has_taken_enough(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    taken = []
+    taken, rates = [], []
 
     def watch(*arguments: Any) -> Any:
         taken.append(arguments[4])
+        rates.append(arguments[6])
         return regress(*arguments)
 
     monkeypatch.setattr(dagger, "regress", watch)
@@ -71,6 +72,7 @@ def test_passes_end_where_a_round_has_taken_enough(
     for _ in range(2):
         run.update()
     assert taken == [3 * 512, 2000]
+    assert rates == pytest.approx([1e-3, 1e-3 * (1 - 0.95 / 8)])
 
 
 def test_training_without_a_teacher_is_refused() -> None:

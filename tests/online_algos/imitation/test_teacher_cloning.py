@@ -11,10 +11,11 @@ from torch import Tensor
 
 from swarmdata.interfaces import Policy
 from swarmdata.online_algos.imitation import teacher_cloning
-from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, clone_teacher
+from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, clone_teacher, collect
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo.rollout_samples import pick
 from swarmdata.registry.components import make_env, make_policy
+from swarmdata.specs.state_layout import VX, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on
 from swarmdata.types import Float, Int, Step
@@ -74,6 +75,28 @@ def test_episodes_longer_than_a_round_are_labelled_to_their_ends() -> None:
     config = replace(SHORT, rollout_steps=SPEC.horizon // 2, n_rounds=3)
     clone_teacher(run.actors, run.worlds, run.generators, Watched(), config)
     assert set(labelled) == set(range(SPEC.horizon))
+
+
+@pytest.mark.parametrize(
+    ("teacher_acts", "least", "most"), [(True, 0.1, 1.0), (False, -0.05, 0.05)]
+)
+def test_the_teacher_acts_only_where_it_should(
+    teacher_acts: bool, least: float, most: float
+) -> None:
+    class Eastward:
+        def reset(self, step: Step, copies: Int) -> None:
+            pass
+
+        def act(self, step: Step) -> Float:
+            return np.tile(np.float32([1, 0]), (len(step.times), SPEC.n_agents, 1))
+
+    run = made(config=replace(SMALL, frame="world"))  # untrained: it hardly moves
+    new = collect(
+        run.actors, run.worlds, run.generators, Eastward(), 5, 0.0, teacher_acts=teacher_acts
+    )
+    speeds = robots_of(run.worlds.current_step.states, SPEC.n_agents)[..., VX]
+    assert least < speeds.mean() < most
+    assert (new[1] == new[1].new_tensor([1, 0])).all(), "labels are the teacher's either way"
 
 
 def test_more_rounds_than_samples_allow_take_a_part_of_the_data_each(
