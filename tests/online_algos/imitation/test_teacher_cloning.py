@@ -77,25 +77,21 @@ def test_episodes_longer_than_a_round_are_labelled_to_their_ends() -> None:
     assert set(labelled) == set(range(SPEC.horizon))
 
 
-@pytest.mark.parametrize(
-    ("teacher_acts", "least", "most"), [(True, 0.1, 1.0), (False, -0.05, 0.05)]
-)
-def test_the_teacher_acts_only_where_it_should(
-    teacher_acts: bool, least: float, most: float
-) -> None:
+@pytest.mark.parametrize("teacher_acts", [True, False])
+def test_the_teacher_acts_only_where_it_should(teacher_acts: bool) -> None:
     class Eastward:
         def reset(self, step: Step, copies: Int) -> None:
             pass
 
         def act(self, step: Step) -> Float:
-            return np.tile(np.float32([1, 0]), (len(step.times), SPEC.n_agents, 1))
+            return np.tile(np.array([1, 0], np.float32), (len(step.times), SPEC.n_agents, 1))
 
     run = made(config=replace(SMALL, frame="world"))  # untrained: it hardly moves
     new = collect(
         run.actors, run.worlds, run.generators, Eastward(), 5, 0.0, teacher_acts=teacher_acts
     )
     speeds = robots_of(run.worlds.current_step.states, SPEC.n_agents)[..., VX]
-    assert least < speeds.mean() < most
+    assert (speeds.mean() > 0.1) == teacher_acts
     assert (new[1] == new[1].new_tensor([1, 0])).all(), "labels are the teacher's either way"
 
 

@@ -64,8 +64,8 @@ def test_impossible_teachers_are_refused(wrong: dict[str, Any], message: str) ->
 
 
 def test_policies_that_are_not_there_or_cannot_forget_are_refused() -> None:
-    with pytest.raises(UnknownNameError, match="scripte"):
-        make_teacher(TeacherSettings(teacher="scripte"), TaskSpec())
+    with pytest.raises(UnknownNameError, match="unknown policy 'nobody'"):
+        make_teacher(TeacherSettings(teacher="nobody"), TaskSpec())
     forgetful = TeacherSettings(teacher="straight", teacher_remembers=False)
     with pytest.raises(SpecError, match="'straight' of task coop_nav cannot decide without"):
         make_teacher(forgetful, TaskSpec())
