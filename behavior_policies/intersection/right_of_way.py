@@ -17,12 +17,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
-from swarmdata.envs.intersection.junction import (
-    ARM_DIRECTIONS,
-    N_ARMS,
-    Junction,
-    arm_at,
-)
+from swarmdata.envs.intersection.junction import ARM_DIRECTIONS, N_ARMS, Junction, arm_at
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double

@@ -11,12 +11,7 @@ everything know only what they see, of their teammates too.
 import numpy as np
 
 from swarmdata.behavior_policies.heard_goals import HeardGoals
-from swarmdata.behavior_policies.pursuit.beliefs import (
-    Beliefs,
-    Hunt,
-    blank_beliefs,
-    update_beliefs,
-)
+from swarmdata.behavior_policies.pursuit.beliefs import Beliefs, Hunt, blank_beliefs, update_beliefs
 from swarmdata.behavior_policies.pursuit.groups import Plans, blank_plans, choose_goals
 from swarmdata.behavior_policies.pursuit.ring import N_DIRECTIONS
 from swarmdata.behavior_policies.scripted import Scripted

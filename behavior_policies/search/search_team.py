@@ -22,19 +22,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.behavior_policies.heard_goals import (
-    HEARD_X,
-    HEARD_Y,
-    MASK,
-    TARGET_X,
-    TARGET_Y,
-)
-from swarmdata.envs.search.floor_memory import (
-    RESCUED,
-    Columns,
-    find_unsearched,
-    knows_victim,
-)
+from swarmdata.behavior_policies.heard_goals import HEARD_X, HEARD_Y, MASK, TARGET_X, TARGET_Y
+from swarmdata.envs.search.floor_memory import RESCUED, Columns, find_unsearched, knows_victim
 from swarmdata.envs.search.search import NEAREST_SQUARES
 from swarmdata.numerics.sight import sees
 from swarmdata.runtime.kernels import kernel
@@ -277,13 +266,7 @@ def has_waited(i: int, own: int, state: Float, time: int, floor: Floor, notes: N
 
 @kernel
 def choose_goals(
-    state: Float,
-    heard: Double,
-    layout: Float,
-    time: int,
-    floor: Floor,
-    notes: Notes,
-    goals: Double,
+    state: Float, heard: Double, layout: Float, time: int, floor: Floor, notes: Notes, goals: Double
 ) -> None:
     """Writes where each robot of one episode goes.
 

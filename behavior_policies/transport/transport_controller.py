@@ -126,12 +126,7 @@ def _update_pushing(
 
 @kernel
 def write_aims(
-    robots: Double,
-    search: SlotSearch,
-    setup: PushSetup,
-    paths: Paths,
-    memory: Int,
-    aims: Double,
+    robots: Double, search: SlotSearch, setup: PushSetup, paths: Paths, memory: Int, aims: Double
 ) -> None:
     """Writes what every robot would do alone, [N, 4].
 

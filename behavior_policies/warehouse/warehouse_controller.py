@@ -24,12 +24,7 @@ import numpy as np
 from swarmdata.behavior_policies.navigation.robot_scales import Team
 from swarmdata.behavior_policies.navigation.traffic import TrafficController, drive_in_traffic
 from swarmdata.envs.physics.dynamics import SPEED
-from swarmdata.envs.warehouse.floor_plan import (
-    STANDOFF_GAP,
-    FloorPlan,
-    best_lane,
-    corridor,
-)
+from swarmdata.envs.warehouse.floor_plan import STANDOFF_GAP, FloorPlan, best_lane, corridor
 from swarmdata.envs.warehouse.warehouse_rules import WarehouseRules
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec

@@ -13,12 +13,7 @@ from functools import partial
 import numpy as np
 
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules, Ranks
-from swarmdata.envs.world.spawn import (
-    LAYOUT_OFFSET,
-    check_fixed_layout,
-    next_uniform,
-    put_at_rest,
-)
+from swarmdata.envs.world.spawn import LAYOUT_OFFSET, check_fixed_layout, next_uniform, put_at_rest
 from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import TX, TY, X, Y

@@ -161,10 +161,7 @@ class Formation:
             "root mean square distance of robots to their slots, mean over steps",
         ),
         "time_in_formation": Metric(
-            "time in formation",
-            "",
-            "higher",
-            "share of steps with an RMSE within the tolerance",
+            "time in formation", "", "higher", "share of steps with an RMSE within the tolerance"
         ),
         "reference_error": Metric(
             "reference error",

@@ -11,12 +11,7 @@ Worlds with movable bodies have no free motion: the floor's friction acts on the
 
 import math
 
-from swarmdata.envs.physics.dynamics import (
-    ACCELERATION,
-    GRIP,
-    SPEED,
-    UNICYCLE,
-)
+from swarmdata.envs.physics.dynamics import ACCELERATION, GRIP, SPEED, UNICYCLE
 from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import SEPARATION_GAP, Double, Float

@@ -126,12 +126,7 @@ def _static_shapes(ground: pymunk.Body, plan: Plan, layout: Float) -> list[pymun
 
 
 def build_space(
-    plan: Plan,
-    layout: Float,
-    robots: Double,
-    movables: Double,
-    limits: Double,
-    payloads: Double,
+    plan: Plan, layout: Float, robots: Double, movables: Double, limits: Double, payloads: Double
 ) -> tuple[pymunk.Space, list[pymunk.Body]]:
     """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
 

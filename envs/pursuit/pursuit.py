@@ -62,13 +62,7 @@ from swarmdata.envs.world.spawn import SpawnPlan, density
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.registry.appearance import Appearance, Moment, SharedTargets
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import (
-    Feature,
-    leading_to_places,
-    numbered,
-    telling_goals,
-    vector,
-)
+from swarmdata.specs.features import Feature, leading_to_places, numbered, telling_goals, vector
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -51,23 +51,11 @@ from swarmdata.envs.search.floor_memory import (
     search_definitions,
 )
 from swarmdata.envs.search.search_rules import SearchRules
-from swarmdata.envs.world.spawn import (
-    LAYOUT_OFFSET,
-    SpawnPlan,
-    density,
-    place_all,
-    put_at_rest,
-)
+from swarmdata.envs.world.spawn import LAYOUT_OFFSET, SpawnPlan, density, place_all, put_at_rest
 from swarmdata.errors import SpawnError, SpecError
 from swarmdata.registry.appearance import Appearance, Moment, SharedTargets
 from swarmdata.runtime.kernels import kernel
-from swarmdata.specs.features import (
-    Feature,
-    leading_to_places,
-    numbered,
-    telling_goals,
-    vector,
-)
+from swarmdata.specs.features import Feature, leading_to_places, numbered, telling_goals, vector
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair
 from swarmdata.specs.task_spec import TaskSpec

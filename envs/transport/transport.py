@@ -348,11 +348,7 @@ def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
         *vector("payload_near", "position", "payload's nearest point minus own position"),
         *vector("payload_velocity", "velocity", "velocity of the payload"),
         *telling_goals(vector("payload_goal", "position", "goal minus the payload's centre")),
-        *numbered(
-            "payload_obstacle",
-            N_NEAR_OBSTACLES,
-            near,
-        ),
+        *numbered("payload_obstacle", N_NEAR_OBSTACLES, near),
     )
     if is_box:
         turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")

@@ -161,12 +161,7 @@ def serve_orders(
 
 @kernel
 def write_warehouse_features(
-    states: Float,
-    active: Bool,
-    lanes: Double,
-    rows: Double,
-    middles: Double,
-    out: Float,
+    states: Float, active: Bool, lanes: Double, rows: Double, middles: Double, out: Float
 ) -> None:
     """Writes the task's features of every robot in the active copies, [E, N, 3]."""
     n = out.shape[1]
@@ -202,10 +197,7 @@ class Warehouse:
             "times that robots within 0.3 m of each other began to stand still for 3 s",
         ),
         "carrying_time": Metric(
-            "carrying time",
-            "",
-            "higher",
-            "share of the time that robots carry, mean over robots",
+            "carrying time", "", "higher", "share of the time that robots carry, mean over robots"
         ),
     }
 

@@ -5,12 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.envs.intersection.intersection import (
-    N_EXTRAS,
-    START_JITTER,
-    Intersection,
-    StartPlan,
-)
+from swarmdata.envs.intersection.intersection import N_EXTRAS, START_JITTER, Intersection, StartPlan
 from swarmdata.envs.intersection.junction import Junction, arm_at
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv

@@ -9,12 +9,7 @@ import pytest
 
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.envs.physics.kinematic import KinematicBackend
-from swarmdata.envs.transport.payload import (
-    count_contacts,
-    count_pushes,
-    payload_radius,
-    shape_of,
-)
+from swarmdata.envs.transport.payload import count_contacts, count_pushes, payload_radius, shape_of
 from swarmdata.envs.transport.transport import Transport
 from swarmdata.envs.transport.transport_rules import TransportRules
 from swarmdata.envs.world.task_env import TaskEnv
