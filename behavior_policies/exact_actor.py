@@ -39,8 +39,7 @@ MAX_WIDTH = 4096
 FRAME_TENSORS = ("frame.anchor", "frame.vectors", "frame.closing")
 """Tensors of an actor that observes and acts in a frame of its own."""
 
-HEARD_TENSOR = "frame.heard"
-"""One more tensor, of an actor that receives messages."""
+HEARD_TENSOR = "frame.heard"  # one more tensor, of an actor that receives messages
 
 BODY_TENSOR = "frame.body"
 """One more tensor, [1] of ones, of an actor of unicycles: the anchor is their heading."""

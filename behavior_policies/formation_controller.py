@@ -23,11 +23,8 @@ from swarmdata.types import Double, Float, Int, Step
 FREE_SLOT_GAP = 0.02
 """Metres of gap that a free slot has: more than `avoidance` keeps from surfaces."""
 
-LOOK_INTERVAL = 0.2
-"""Seconds between the positions on a slot's path that are checked."""
-
-N_LOOKS = 40
-"""Positions that are checked: 8 s, in which slots have passed every usual obstacle."""
+LOOK_INTERVAL = 0.2  # seconds between the positions on a slot's path that are checked
+N_LOOKS = 40  # positions that are checked: 8 s, in which slots have passed every usual obstacle
 
 
 class SlotPaths(NamedTuple):

@@ -3,8 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-MEDIUM_SUCCESS = (0.4, 0.6)
-"""Lowest and highest success of a medium team."""
+MEDIUM_SUCCESS = (0.4, 0.6)  # lowest and highest success of a medium team
 
 EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {

@@ -15,8 +15,7 @@ from swarmdata.types import Float, Int, Step
 AWAY_DISTANCE = 100.0
 """Metres from the arena's middle to robots that are out of reach, and between any two of them."""
 
-MESSAGE_PREFIX = "message_"
-"""Of the names of all features that messages bring."""
+MESSAGE_PREFIX = "message_"  # of the names of all features that messages bring
 
 
 class Deaf:

@@ -23,8 +23,7 @@ v / a = 0.4 s; the rest is for turning at the same time, which shares the accele
 SURFACE_REACH = 0.4
 """Metres from a surface within which it can limit the speed: v BRAKING_TIME, and a margin."""
 
-ROBOT_GAP = 0.03
-"""Metres of gap kept between robots."""
+ROBOT_GAP = 0.03  # m of gap kept between robots
 
 SURFACE_GAP = 0.01
 """Metres of gap kept from surfaces; below the planner's `PATH_GAP`, so that paths can be driven."""
@@ -33,8 +32,7 @@ SENSING_DISTANCE = 1.5
 """Metres between centres beyond which robots ignore each other: 2 v AVOIDANCE_HORIZON and two
 radii."""
 
-GIVE_WAY_DISTANCE = 0.5
-"""Metres from its goal within which a robot gives way."""
+GIVE_WAY_DISTANCE = 0.5  # m from its goal within which a robot gives way
 
 
 @kernel

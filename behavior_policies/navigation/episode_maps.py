@@ -19,11 +19,8 @@ from swarmdata.specs.budget import in_bytes
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Step
 
-MAX_MAP_BYTES = 1 << 31
-"""Largest size of the maps of one episode."""
-
-MAX_MAPS_BYTES = 1 << 34
-"""Largest size of the maps of all copies together."""
+MAX_MAP_BYTES = 1 << 31  # largest size of the maps of one episode
+MAX_MAPS_BYTES = 1 << 34  # largest size of the maps of all copies together
 
 NODE_SPACING = 0.05
 """Metres between nodes. A passage of 0.34 m leaves a strip 0.1 m wide for the centre of a robot of

@@ -28,14 +28,12 @@ from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Int, Step
 
-TURN_DISTANCE = 1.0
-"""Metres between centres below which a robot turns right for another."""
+TURN_DISTANCE = 1.0  # m between centres below which a robot turns right for another
 
 TURN_COS, TURN_SIN = 0.955336489125606, 0.29552020666133955
 """Cosine and sine of the turn to the right, 0.3 rad."""
 
-TARGET_REPLAN_DISTANCE = 0.1
-"""Metres that a target moves before the path to it is planned anew."""
+TARGET_REPLAN_DISTANCE = 0.1  # m that a target moves before the path to it is planned anew
 
 
 @kernel

@@ -17,8 +17,7 @@ import numpy as np
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
-PARALLEL_TOLERANCE = 1e-9
-"""Unit directions whose determinant is below this count as parallel."""
+PARALLEL_TOLERANCE = 1e-9  # unit directions whose determinant is below this count as parallel
 
 
 @kernel

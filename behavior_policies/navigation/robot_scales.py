@@ -21,8 +21,7 @@ REFERENCE_ROBOT = Robot()
 
 RIGHT_ANGLE = 1.5707963267948966
 
-TIME_SCALE, LENGTH_SCALE = range(2)
-"""Columns of the scales."""
+TIME_SCALE, LENGTH_SCALE = range(2)  # columns of the scales
 
 
 class Team(NamedTuple):

@@ -22,8 +22,7 @@ from swarmdata.types import Double
 REVERSE_MAX_SPEED_SHARE = 0.5
 """Share of the maximum speed below which a unicycle backs up instead of turning round."""
 
-TURN_MIN_SPEED_SHARE = 0.002
-"""Share of the maximum speed below which a unicycle does not turn."""
+TURN_MIN_SPEED_SHARE = 0.002  # share of the maximum speed below which a unicycle does not turn
 
 
 @kernel

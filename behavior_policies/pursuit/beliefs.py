@@ -21,8 +21,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Double, Float
 
-LOST_AGE = 99.0
-"""Age, s, of a belief that says nothing."""
+LOST_AGE = 99.0  # age, s, of a belief that says nothing
 
 VELOCITY_KEPT = 0.9
 """Share of its velocity that a lost evader is believed to keep in a control step."""
@@ -31,8 +30,7 @@ MISSED_AGE, MISSED_SHARE = 0.3, 0.7
 """A robot sees that an evader is not where it believes it, if it has not seen it for this time (s)
 and that place is within this share of its sight range."""
 
-SAME_PLACE_DISTANCE = 1e-3
-"""Metres below which two places that robots tell of are the same."""
+SAME_PLACE_DISTANCE = 1e-3  # m below which two places that robots tell of are the same
 
 
 class Hunt(NamedTuple):

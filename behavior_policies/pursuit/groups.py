@@ -20,11 +20,8 @@ from swarmdata.types import Bool, Double, Float, Int
 
 NO_GROUP = -1
 
-SEARCH_TIME = 6.0
-"""Seconds after which a robot searches elsewhere."""
-
-ARRIVED_DISTANCE = 0.4
-"""Metres from where it searches within which a robot has arrived."""
+SEARCH_TIME = 6.0  # seconds after which a robot searches elsewhere
+ARRIVED_DISTANCE = 0.4  # m from where it searches within which a robot has arrived
 
 SEARCH_SHARES = (0.15, 1.0)
 """Smallest and largest square of the distance from the middle at which robots search, as a share

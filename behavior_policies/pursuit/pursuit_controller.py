@@ -23,8 +23,7 @@ from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds, Step
 
-RINGS: Double = np.zeros((0, 2))
-"""Leads of a team that surrounds (`groups.choose_goals`)."""
+RINGS: Double = np.zeros((0, 2))  # leads of a team that surrounds (`groups.choose_goals`)
 
 
 @kernel

@@ -19,21 +19,15 @@ from swarmdata.numerics.geometry import clearance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double, Float, Int
 
-N_DIRECTIONS = 48
-"""Directions around an evader."""
-
-RING_RADIUS = 0.95
-"""Metres from the evader at which robots wait: beyond `evader.ALARM_DISTANCE`."""
-
-GUARD_MARGIN = 0.25
-"""Metres beyond the ring from which a robot guards a direction."""
+N_DIRECTIONS = 48  # directions around an evader
+RING_RADIUS = 0.95  # m from the evader at which robots wait: beyond `evader.ALARM_DISTANCE`
+GUARD_MARGIN = 0.25  # m beyond the ring from which a robot guards a direction
 
 CLOSE_COS, OPEN_COS = 0.3153223623952687, -0.32328956686350335
 """Cosines of the largest angle between an open direction and the nearest robot for which they
 close in, 1.25 rad, and from which they open again, 1.9 rad."""
 
-FILL_DISTANCE = 0.3
-"""Metres from its slot within which a robot is there."""
+FILL_DISTANCE = 0.3  # m from its slot within which a robot is there
 
 PATIENCE_STEPS, COMMITTED_STEPS = 8, 12
 """Control steps for which they wait at their slots, and for which they close in at least."""
@@ -41,8 +35,7 @@ PATIENCE_STEPS, COMMITTED_STEPS = 8, 12
 TRAVEL_COS, TRAVEL_SIN = 0.8253356149096783, 0.5646424733950354
 """Of the angle by which a robot travels along the circle at a time, 0.6 rad."""
 
-OUTER_MARGIN = 0.3
-"""Metres outside the circle from which robots still travel along theirs."""
+OUTER_MARGIN = 0.3  # m outside the circle from which robots still travel along theirs
 
 CLOSE_RADIUS, CLOSE_LEAD = 0.25, 0.3
 """Radius (m) of the slots to which they close in, around the place ahead of the evader by this
@@ -51,24 +44,19 @@ time (s)."""
 STRAIGHT_DISTANCE, STRAIGHT_LEAD = 0.55, 0.15
 """Within this distance (m), they drive at the place that the evader reaches in this time (s)."""
 
-N_PHASES = 6
-"""Rotations of the slots that are compared."""
-
-CLOSED_WEIGHT = 0.12
-"""Share of the robots that a closed direction gets, of what an open one does."""
+N_PHASES = 6  # rotations of the slots that are compared
+CLOSED_WEIGHT = 0.12  # share of the robots that a closed direction gets, of what an open one does
 
 SUM_WEIGHT, PHASE_COST = 0.2, 3.0
 """Cost of assignments: of the sum of all ways, beside the longest; and, where something closes
 directions, of slots that are not in the middle of their shares, m."""
 
-GAP_REACH = 0.45
-"""Metres from an evader at which a direction has to be open for it to leave there."""
+GAP_REACH = 0.45  # m from an evader at which a direction has to be open for it to leave there
 
 N_RADII, LEAST_RADIUS = 5, 0.15
 """Places along a direction that have to be free, evenly from this share of the radius on."""
 
-_WINDOW = 4
-"""Directions on each side that count for how closed one is."""
+_WINDOW = 4  # directions on each side that count for how closed one is
 
 
 @kernel

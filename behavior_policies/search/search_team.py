@@ -30,14 +30,9 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Double, Float, Int
 
-PATIENCE_TIME = 12.0
-"""Seconds that a robot waits at a victim."""
-
-GIVEN_UP_TIME = 15.0
-"""Seconds after which a robot returns to a victim that it gave up."""
-
-SAME_PLACE_DISTANCE = 0.15
-"""Metres below which two victims that robots tell of are the same."""
+PATIENCE_TIME = 12.0  # seconds that a robot waits at a victim
+GIVEN_UP_TIME = 15.0  # seconds after which a robot returns to a victim that it gave up
+SAME_PLACE_DISTANCE = 0.15  # m below which two victims that robots tell of are the same
 
 VICTIM_X, VICTIM_Y = TARGET_X, TARGET_Y
 """Columns of what a robot has heard of another: which victim it knew, or the base."""

@@ -16,22 +16,17 @@ from swarmdata.numerics.waypoints import free_distance, is_visible
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double
 
-N_RING = 16
-"""Points of a ring, four to a side."""
+N_RING = 16  # points of a ring, four to a side
 
 N_POINTS = 2 * N_RING
 
-RING_GAPS = (0.06, 0.32)
-"""Gaps (m) between payload and robot on the rings."""
-
-PASSING_GAP = 0.02
-"""Gap (m) that a path keeps from robots that stand at the payload."""
+RING_GAPS = (0.06, 0.32)  # gaps (m) between payload and robot on the rings
+PASSING_GAP = 0.02  # gap (m) that a path keeps from robots that stand at the payload
 
 BLOCKED_TOLL = 1.0
 """Cost (m), added to the length, of a point or a line that a standing robot blocks."""
 
-CLEAR_GAP = 0.01
-"""Gap (m) that a straight line must keep for a robot to drive along it."""
+CLEAR_GAP = 0.01  # gap (m) that a straight line must keep for a robot to drive along it
 
 
 class Rings(NamedTuple):

@@ -24,11 +24,8 @@ FUNNEL_MAX_OFFSET = 0.25
 SURFACE_TURN_GAP, SURFACE_TURN_WEIGHT = 0.15, 0.2
 """Free gap (m) below which the payload's path turns away from a surface; weight of that turn."""
 
-KEEP_CLEAR_DISTANCE = 0.35
-"""Metres that robots without a slot keep from the payload and its path."""
-
-KEEP_CLEAR_LENGTH = 1.5
-"""Metres of the payload's path that they keep clear."""
+KEEP_CLEAR_DISTANCE = 0.35  # m that robots without a slot keep from the payload and its path
+KEEP_CLEAR_LENGTH = 1.5  # m of the payload's path that they keep clear
 
 
 @kernel

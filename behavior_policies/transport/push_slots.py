@@ -15,32 +15,18 @@ from swarmdata.numerics.waypoints import free_distance
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
-MAX_SLOTS = 16
-"""Most slots at a payload."""
-
-NEIGHBOR_GAP = 0.06
-"""Gap (m) between robots that push side by side."""
-
-FACE_END_DISTANCE = 0.04
-"""Distance (m) of a contact point to the end of its face."""
-
-CORNER_CLEARANCE = 0.1
-"""Metres at the end of a face that are free for the robots around the corner."""
-
-SLOT_SURFACE_GAP = 0.05
-"""Gap (m) to surfaces that a robot in a slot must have."""
+MAX_SLOTS = 16  # most slots at a payload
+NEIGHBOR_GAP = 0.06  # gap (m) between robots that push side by side
+FACE_END_DISTANCE = 0.04  # distance (m) of a contact point to the end of its face
+CORNER_CLEARANCE = 0.1  # m at the end of a face that are free for the robots around the corner
+SLOT_SURFACE_GAP = 0.05  # gap (m) to surfaces that a robot in a slot must have
 
 SECOND_FACE_MIN_COSINE, SECOND_FACE_KEPT_COSINE = 0.2, 0.08
 """Cosines of direction and push above which a second face is used, and above which it is kept."""
 
-FIRST_FACE_KEPT_COSINE = 0.15
-"""Increase of the cosine for which the first face changes."""
-
-ARC_MIN_COSINE = 0.45
-"""Least cosine between the direction and a push at a circle."""
-
-NO_INDEX = -1
-"""Stands for the number of a face or slot where there is none."""
+FIRST_FACE_KEPT_COSINE = 0.15  # increase of the cosine for which the first face changes
+ARC_MIN_COSINE = 0.45  # least cosine between the direction and a push at a circle
+NO_INDEX = -1  # stands for the number of a face or slot where there is none
 
 
 class SlotSearch(NamedTuple):

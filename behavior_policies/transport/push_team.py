@@ -8,11 +8,8 @@ from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Int
 
-WAITING_GAP = 0.03
-"""Gap (m) to the payload at which a robot waits until it is beside its slot."""
-
-DETOUR_LENGTH = 1.0
-"""Metres that going around the payload counts for in the assignment of slots."""
+WAITING_GAP = 0.03  # gap (m) to the payload at which a robot waits until it is beside its slot
+DETOUR_LENGTH = 1.0  # m that going around the payload counts for in the assignment of slots
 
 SWAP_MIN_GAIN = 0.02
 """Reduction of the summed squares of the paths, m^2, for which robots swap their slots."""
@@ -32,11 +29,8 @@ PUSH_MIN_FRICTION_RATIO, PUSH_MIN_COSINE = 1.05, 0.93
 PAYLOAD_SPEED = 0.4
 """Speed (m/s) of the payload that the team aims at; it leaves robots room to catch up."""
 
-VELOCITY_RESPONSE_TIME = 0.5
-"""Seconds in which an error of the payload's velocity is corrected."""
-
-TURN_DAMPING = 5.0
-"""Force against turning, N per (rad/s of turn rate times m of lever)."""
+VELOCITY_RESPONSE_TIME = 0.5  # seconds in which an error of the payload's velocity is corrected
+TURN_DAMPING = 5.0  # force against turning, N per (rad/s of turn rate times m of lever)
 
 
 @kernel

@@ -30,8 +30,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-STEERING_DISTANCE = 0.4
-"""Metres along its track at which a robot steers."""
+STEERING_DISTANCE = 0.4  # m along its track at which a robot steers
 
 TARGET_APPROACH_DISTANCE = 0.45
 """Metres along a corridor from its target below which a robot leaves the track for it."""

@@ -220,8 +220,7 @@ def _sides(spec: TaskSpec, kind: Doorway | Corridor) -> Double:
     return anchors
 
 
-LANE_MARGIN = 0.1
-"""Smallest excess width (m) of a lane over the robot that must fit in it."""
+LANE_MARGIN = 0.1  # smallest excess width (m) of a lane over the robot that must fit in it
 
 
 def lane_boxes(spec: TaskSpec, lanes: Lanes) -> Float:

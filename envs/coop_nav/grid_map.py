@@ -14,11 +14,8 @@ from swarmdata.numerics.geometry import BOX
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float
 
-LEAST_CELLS = 4
-"""Free cells for each robot, so that starts and goals find places."""
-
-CELL_MARGIN = 0.1
-"""Smallest excess width (m) of a cell over a robot with its clearance."""
+LEAST_CELLS = 4  # free cells for each robot, so that starts and goals find places
+CELL_MARGIN = 0.1  # smallest excess width (m) of a cell over a robot with its clearance
 
 
 def walls_on_map(spec: TaskSpec, rows: Sequence[str], cell: float) -> Float:

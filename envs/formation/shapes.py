@@ -11,8 +11,7 @@ from swarmdata.types import Double
 _GRID_STEPS = 2.0**20
 """Sines and cosines are rounded to multiples of its inverse, to be the same on every platform."""
 
-MIN_SLOT_GAP = 0.05
-"""Smallest gap (m) between robots in neighbouring slots."""
+MIN_SLOT_GAP = 0.05  # smallest gap (m) between robots in neighbouring slots
 
 
 def slot_offsets(rules: FormationRules, n: int) -> Double:

@@ -66,8 +66,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, VX, VY, X, Y, robots
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-START_JITTER = 0.03
-"""Largest distance of a start from the middle of its place, along each axis, m."""
+START_JITTER = 0.03  # largest distance of a start from the middle of its place, along each axis, m
 
 
 class StartPlan(NamedTuple):
@@ -151,8 +150,7 @@ TASK_FEATURES: tuple[Feature, ...] = (
 )
 """Added by the task to every robot's observation."""
 
-STILL_SPEED = 0.05
-"""Speed (m/s) below which a robot stands, for the metric `waiting_time`."""
+STILL_SPEED = 0.05  # speed (m/s) below which a robot stands, for the metric `waiting_time`
 
 _LAYOUT_STREAM = STREAMS["layout"]
 

@@ -36,11 +36,8 @@ ARM_DIRECTIONS = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, 0.0], [0.0, -1.0]])
 
 N_ARMS = len(ARM_DIRECTIONS)
 
-STANDOFF_GAP = 0.05
-"""Gap (m) between a wall and a robot in the middle of a gate."""
-
-MIN_ARM_LENGTH = 0.5
-"""Smallest length of an arm, from the middle square to the wall, m."""
+STANDOFF_GAP = 0.05  # gap (m) between a wall and a robot in the middle of a gate
+MIN_ARM_LENGTH = 0.5  # smallest length of an arm, from the middle square to the wall, m
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,8 +37,7 @@ from swarmdata.types import Bool, Counts, Double, Float, Int, Seeds
 SPEED, ACCELERATION, BY_VELOCITY, TURN_RATE, UNICYCLE, GRIP, MASS, FRICTION, DIFFERENTIAL = range(9)
 """Columns of the limits, `task_spec.Robot`."""
 
-N_LIMITS = 9
-"""Number of these columns."""
+N_LIMITS = 9  # number of these columns
 
 USUAL_GRIP = float(Robot.model_fields["wheel_grip"].default)
 """m/s^2. Published worlds have wheels with this grip and keep their bits. With the usual motors of

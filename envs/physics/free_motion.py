@@ -16,11 +16,8 @@ from swarmdata.numerics.geometry import nearest_of, outer_radius, wall_gap
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import SEPARATION_GAP, Double, Float
 
-EXACT_GAP_LIMIT = 0.5
-"""Gaps to obstacles and walls beyond this (m) need not be exact."""
-
-_ROUNDING = 1e-9
-"""More (m) than rounding errors of distances; it makes a bound of travel safe."""
+EXACT_GAP_LIMIT = 0.5  # gaps to obstacles and walls beyond this (m) need not be exact
+_ROUNDING = 1e-9  # more (m) than rounding errors of distances; it makes a bound of travel safe
 
 
 @kernel(inline="always")

@@ -20,8 +20,7 @@ CREEP = 0.0005
 """Bodies that overlap more already may move into each other by this (m) in a part: the solver
 stops them only approximately."""
 
-N_HALVINGS = 5
-"""Of the time, in the search for the touch."""
+N_HALVINGS = 5  # of the time, in the search for the touch
 
 MOST_PARTS = 16
 """Of a physics step. In the shortest part of a step of 50 ms, bodies that close at more than

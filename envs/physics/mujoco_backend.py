@@ -49,8 +49,7 @@ class Coordinates(NamedTuple):
 
 COORDINATES = bundle_type(Coordinates)
 
-N_WORDS = 2 * len(Coordinates._fields)
-"""Of packed `Coordinates`: an address and a length for each."""
+N_WORDS = 2 * len(Coordinates._fields)  # of packed `Coordinates`: an address and a length for each
 
 
 class _Copy(NamedTuple):

@@ -56,8 +56,7 @@ BODY_FRICTION = SURFACE_FRICTION**2
 Munk2D. MuJoCo takes that of the geom of higher priority, which is the robot; pairs of robots have
 their own."""
 
-TALL = 1.0
-"""Half height (m) of everything that is not a sphere."""
+TALL = 1.0  # half height (m) of everything that is not a sphere
 
 FRICTION_HARDNESS = 10.0
 """MuJoCo's `impratio`: how much harder friction is than contact; else what stands would creep."""
@@ -65,8 +64,7 @@ FRICTION_HARDNESS = 10.0
 MEMORY_BYTES = 1 << 20
 """Of contacts and constraints of one copy; with too little, the backend raises an error."""
 
-BODIES = 1
-"""Class of collisions: bodies collide with bodies, and feet and wheels with the floor."""
+BODIES = 1  # class of collisions: bodies collide with bodies, and feet and wheels with the floor
 
 
 def steps_in(physics_dt: float) -> int:

@@ -36,20 +36,14 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-N_HEADINGS = 32
-"""Directions in which an evader can flee."""
-
-N_ROLL_STEPS = 8
-"""Steps in which it imagines the pursuit ahead."""
+N_HEADINGS = 32  # directions in which an evader can flee
+N_ROLL_STEPS = 8  # steps in which it imagines the pursuit ahead
 
 ALARM_DISTANCE, CALM_DISTANCE = 0.8, 1.04
 """Metres to the nearest seen pursuer below which it is alarmed, and beyond which it calms down."""
 
-WANDER_SPEED = 0.15
-"""m/s of a calm evader."""
-
-WANDER_TURN = 0.3
-"""Standard deviation of the turn of a calm evader in a control step, rad."""
+WANDER_SPEED = 0.15  # m/s of a calm evader
+WANDER_TURN = 0.3  # standard deviation of the turn of a calm evader in a control step, rad
 
 WANDER_ROOM, WANDER_REACH = 0.2, 0.4
 """A calm evader turns away if the point at this reach (m) has less clearance than this room (m)."""
@@ -61,11 +55,8 @@ CLEARANCE_WEIGHT, USEFUL_CLEARANCE, MIDDLE_WEIGHT = 0.25, 0.6, 0.3
 """Of the value of a heading: per metre of clearance, of which more is no better, m; and per half
 width of the arena from its middle."""
 
-CAUGHT_VALUE = -10.0
-"""Of a heading on which it is caught at once, far below all others."""
-
-SOLID_TOLERANCE = 1e-6
-"""Metres by which rounding may bring an evader into something solid."""
+CAUGHT_VALUE = -10.0  # of a heading on which it is caught at once, far below all others
+SOLID_TOLERANCE = 1e-6  # m by which rounding may bring an evader into something solid
 
 _STREAM = STREAMS["layout"]
 

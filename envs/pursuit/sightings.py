@@ -16,14 +16,9 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, pair
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Column, Float
 
-MEMORY_TIME = 5.0
-"""Seconds for which a robot remembers an evader that it does not see."""
-
-UNKNOWN, FREE, CAPTURED = range(3)
-"""What a robot knows of an evader."""
-
-N_MEMORY = 6
-"""Columns of a robot's memory of an evader: what it knows, x, y, vx, vy and age."""
+MEMORY_TIME = 5.0  # seconds for which a robot remembers an evader that it does not see
+UNKNOWN, FREE, CAPTURED = range(3)  # what a robot knows of an evader
+N_MEMORY = 6  # columns of a robot's memory of an evader: what it knows, x, y, vx, vy and age
 
 
 class Columns(NamedTuple):

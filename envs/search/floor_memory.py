@@ -25,8 +25,7 @@ from swarmdata.types import Double, Float, Int
 MIDDLE_CLEARANCE = 0.06
 """Gap (m) to obstacles that a robot in the middle of a square needs to count it."""
 
-UNSEEN, WAITING, RESCUED = range(3)
-"""What a robot knows of a victim."""
+UNSEEN, WAITING, RESCUED = range(3)  # what a robot knows of a victim
 
 
 class Columns(NamedTuple):

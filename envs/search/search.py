@@ -61,8 +61,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, pair
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-NEAREST_SQUARES = 4
-"""Squares that a robot has not searched and observes."""
+NEAREST_SQUARES = 4  # squares that a robot has not searched and observes
 
 _TO_SQUARE = "middle of a square that it has not searched minus own position"
 

@@ -41,8 +41,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, Step, Term
 
-EVADER_ROLE = "evader"
-"""The name of the last role."""
+EVADER_ROLE = "evader"  # the name of the last role
 
 
 def pursuit_of(spec: TaskSpec) -> TaskSpec:

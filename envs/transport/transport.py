@@ -77,8 +77,7 @@ from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, Y, pair, robot
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-N_NEAR_OBSTACLES = 2
-"""Number of obstacles around the payload that robots observe."""
+N_NEAR_OBSTACLES = 2  # number of obstacles around the payload that robots observe
 
 SURROUNDINGS_RANGE = 1.5
 """Distance (m) from the payload's bounding circle within which obstacles are observed."""

@@ -36,14 +36,9 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-STANDOFF_GAP = 0.05
-"""Gap (m) between a shelf or wall and a robot in the middle of a place."""
-
-MIN_SHELF_SIZE = 0.1
-"""Smallest depth and length of a shelf, m."""
-
-FIRST, PITCH, DEPTH = range(3)
-"""Columns of `FloorPlan.rows`."""
+STANDOFF_GAP = 0.05  # gap (m) between a shelf or wall and a robot in the middle of a place
+MIN_SHELF_SIZE = 0.1  # smallest depth and length of a shelf, m
+FIRST, PITCH, DEPTH = range(3)  # columns of `FloorPlan.rows`
 
 
 @dataclass(frozen=True, eq=False)

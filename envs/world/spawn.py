@@ -22,8 +22,7 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds
 OBSTACLE_COUNTS = ("circles", "boxes", "corners", "pockets")
 """Fields of `task_spec.Obstacles` that count obstacles."""
 
-PLACE_TRIES = 64
-"""Attempts to place one obstacle or robot before the whole layout is drawn again."""
+PLACE_TRIES = 64  # attempts to place one obstacle or robot before the whole layout is drawn again
 
 LAYOUT_OFFSET = (STREAMS["layout"] + 1) * GOLDEN_GAMMA % 2**64
 """Added to an episode's seed, it gives the initial state of the layout's random generator."""

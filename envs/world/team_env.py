@@ -14,8 +14,7 @@ from swarmdata.specs.spaces import DictSpace, to_gymnasium
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
-N_RESERVED = 1_000
-"""Reserved evaluation episodes, after which `reserved` begins again."""
+N_RESERVED = 1_000  # reserved evaluation episodes, after which `reserved` begins again
 
 
 class TeamEnv(gymnasium.Env[dict[str, Float], dict[str, Float]]):

@@ -21,8 +21,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import PROXIMITY_RANGE, Bool, Counts, Double, Float, Int, Seeds, Step
 
-N_SHARED_TERMS = 6
-"""Terms of the reward that all tasks share: the last columns of `reward_terms`."""
+N_SHARED_TERMS = 6  # terms of the reward that all tasks share: the last columns of `reward_terms`
 
 _WIDER_RANGE = np.float32(PROXIMITY_RANGE + 1e-3)
 """For a first, cheap test in float32; wider, so that rounding never makes it too narrow."""
