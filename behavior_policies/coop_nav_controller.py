@@ -39,13 +39,8 @@ def assign_goals(
     The squares keep any robot from having much farther to go than the others: the last robot to
     arrive decides when all goals are covered.
 
-    Args:
-        states: [E, S].
-        copies: rows to read and write.
-        n: number of robots and goals.
-        work: scratch of `assignment.assign`.
-        places: scratch of `assignment.assign`; its first row gets the goals of the robots.
-        out: written, m, [E, N, 2].
+    `work`: scratch of `assignment.assign`. `places`: scratch of `assignment.assign`; its first row
+    gets the goals of the robots. `out`: written, m, [E, N, 2].
     """
     costs = np.empty((n, n))
     for b in copies:
@@ -167,12 +162,7 @@ def lane_targets(robots: Float, lanes: Lanes, convention: str) -> Double:
 def order_goals(states: Float, copies: Int, n: int, axis: int, out: Double) -> None:
     """Writes the goal of each robot: robot i takes the i-th along an axis, ties by their numbers.
 
-    Args:
-        states: [E, S].
-        copies: rows to read and write.
-        n: number of robots and goals.
-        axis: 0 for x, 1 for y.
-        out: written, m, [E, N, 2].
+    `axis`: 0 for x, 1 for y. `out`: written, m, [E, N, 2].
     """
     for b in copies:
         for k in range(n):

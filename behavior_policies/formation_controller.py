@@ -60,13 +60,8 @@ def next_free_position(
 ) -> tuple[bool, float, float]:
     """Returns whether a slot's path has a free position, and the first one.
 
-    Args:
-        state: [S].
-        slot: its position in the reference's frame, m.
-        segment: of the path, from its start until now.
-        paths: constants of robots and path.
-        need: clearance of a free position, m.
-        layout: [M, 8].
+    `slot`: its position in the reference's frame, m. `segment`: of the path, from its start until
+    now. `need`: clearance of a free position, m.
     """
     pose, first = np.empty(4), paths.first
     end = float((state.shape[0] - first) // 2 - 3)
@@ -88,13 +83,7 @@ def aim_at_slots(
 ) -> None:
     """Writes the targets of the robots of all copies, and the velocities of these targets.
 
-    Args:
-        states: [E, S].
-        times: control steps taken, [E].
-        layouts: [E, M, 8].
-        paths: constants of robots and path.
-        targets: written, m, [E, N, 2].
-        drifts: written, m/s, [E, N, 2].
+    `targets`: written, m, [E, N, 2]. `drifts`: written, m/s, [E, N, 2].
     """
     n = paths.radii.shape[0]
     at = N_COLUMNS * n

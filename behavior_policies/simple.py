@@ -81,12 +81,8 @@ class Straight(Controller):
 def _track(robots: Double, wishes: Double, limits: Double, dt: float, commands: Double) -> None:
     """Replaces the commands of robots that are not holonomic robots with velocity commands.
 
-    Args:
-        robots: columns `state_layout.ROBOT`, [E, N, 8].
-        wishes: velocities, m/s, [E, N, 2].
-        limits: `dynamics.limits_of`, [N, 9].
-        dt: control step, s.
-        commands: written, [E, N, 2].
+    `robots`: columns `state_layout.ROBOT`, [E, N, 8]. `wishes`: velocities, m/s, [E, N, 2].
+    `commands`: written, [E, N, 2].
     """
     no_planes = np.empty((0, 4))
     for b in range(robots.shape[0]):

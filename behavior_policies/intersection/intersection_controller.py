@@ -28,13 +28,8 @@ def act_copies(
 ) -> None:
     """Writes the commands of all robots of all copies.
 
-    Args:
-        all_robots: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [E, N, 10].
-        team: constants of the robots.
-        half: half width and half height of the arena, m, [2].
-        layouts: corners, [E, 4, 8].
-        rules: of the intersection.
-        out: written, in [-1, 1], [E, N, 2].
+    `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [E, N, 10].
+    `out`: written, in [-1, 1], [E, N, 2].
     """
     limits, n_robots = team.limits, all_robots.shape[1]
     aims = np.empty((n_robots, 3))

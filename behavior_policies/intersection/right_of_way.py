@@ -106,9 +106,7 @@ def movement_path(junction: Junction, stop_line: float, start: int, end: int) ->
 def movement_of(robot: Double, rules: Rules) -> tuple[int, int, float]:
     """Returns where a robot is, its movement, and its distance from its stop line, m.
 
-    Args:
-        robot: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [10].
-        rules: of the intersection.
+    `robot`: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [10].
     """
     x, y = robot[0], robot[1]
     arm, goal = arm_at(x, y), arm_at(robot[4], robot[5])
@@ -140,13 +138,7 @@ def came_from(robot: Double, goal: int, rules: Rules) -> int:
 
 @kernel
 def may_enter(i: int, robots: Double, rules: Rules) -> bool:
-    """Whether robot i, which approaches the middle square, may enter it.
-
-    Args:
-        i: index of the robot.
-        robots: of the copy, [N, 10].
-        rules: of the intersection.
-    """
+    """Whether robot i, which approaches the middle square, may enter it."""
     _, movement, distance = movement_of(robots[i], rules)
     n_ahead = 0
     for j in range(robots.shape[0]):

@@ -48,15 +48,9 @@ def surface_half_planes(
 ) -> int:
     """Writes the velocities with which a robot can still brake before every surface near it.
 
-    Args:
-        x: position, m.
-        y: position, m.
-        radius: of the robot, m.
-        primitives: convex obstacles, [P, 8].
-        half: half width and half height of the arena, m, [2].
-        planes: written from row 0, at least [P + 4, 4].
-        time: the robot's time scale (`robot_scales`).
-        length: its length scale.
+    `x`: position, m. `y`: position, m. `primitives`: convex obstacles, [P, 8]. `planes`: written
+    from row 0, at least [P + 4, 4]. `time`: the robot's time scale (`robot_scales`). `length`: its
+    length scale.
 
     Returns:
         The number of half-planes written.
@@ -92,12 +86,7 @@ def stopping_half_planes(i: int, robots: Double, team: Team, n: int, planes: Dou
     barrier certificates (Wang, Ames and Egerstedt, IEEE Transactions on Robotics 33, 2017) with a
     linear barrier have this form.
 
-    Args:
-        i: index of the robot.
-        robots: columns x and y first, [N, C].
-        team: constants of the robots.
-        n: number of half-planes written so far.
-        planes: written from row n.
+    `robots`: columns x and y first, [N, C]. `planes`: written from row n.
 
     Returns:
         The number of half-planes written so far.
@@ -130,13 +119,7 @@ def brake_half_planes(
     A robot that drives away allows a higher speed. Zero velocity is always among them, so these
     limits can be as hard as those of surfaces.
 
-    Args:
-        i: index of the robot.
-        robots: columns x, y, vx, vy first, [N, C].
-        radii: m, [N].
-        scales: of time and length of every robot (`robot_scales`), [N, 2].
-        n: number of half-planes written so far.
-        planes: written from row n.
+    `robots`: columns x, y, vx, vy first, [N, C]. `planes`: written from row n.
 
     Returns:
         The number of half-planes written so far.
@@ -168,16 +151,10 @@ def robot_half_planes(
 ) -> int:
     """Writes the velocities of robot i that are safe with the robots near it.
 
-    Args:
-        i: index of the robot.
-        robots: columns x, y, vx, vy first, [N, C].
-        radii: m, [N].
-        scales: of time and length of every robot (`robot_scales`), [N, 2].
-        aims: preferred velocity, m/s, and distance to the goal, m, of every robot, [N, 3]. The
-            distances decide who gives way (`gives_way`).
-        rule: horizon for which robots avoid each other, s, and gap kept between them, m.
-        n: number of half-planes written so far.
-        planes: written from row n.
+    `robots`: columns x, y, vx, vy first, [N, C]. `aims`: preferred velocity, m/s, and distance to
+    the goal, m, of every robot, [N, 3]. The distances decide who gives way (`gives_way`). `rule`:
+    horizon for which robots avoid each other, s, and gap kept between them, m. `planes`: written
+    from row n.
 
     Returns:
         The number of half-planes written so far.

@@ -42,11 +42,8 @@ def turned_right(
 ) -> tuple[float, float]:
     """Returns the aim of robot i, turned 0.3 rad to the right if a robot is close ahead.
 
-    Args:
-        i: index of the robot.
-        robots: columns x and y first, [N, C].
-        aim: preferred velocity, m/s.
-        near: distance of centres below which a robot is close, m.
+    `robots`: columns x and y first, [N, C]. `aim`: preferred velocity, m/s. `near`: distance of
+    centres below which a robot is close, m.
     """
     for j in range(robots.shape[0]):
         x, y = robots[j, 0] - robots[i, 0], robots[j, 1] - robots[i, 1]
@@ -61,14 +58,8 @@ def write_aim(
 ) -> None:
     """Writes the velocity a robot would take alone, m/s, and its distance to the target, m.
 
-    Args:
-        i: index of the robot.
-        robot: x, y, vx, vy, target x and y, [at least 6].
-        drift: velocity of the target, m/s, [2]; added while the target is in sight.
-        team: constants of the robots.
-        ground: the free space.
-        paths: to the target.
-        out: written, [3].
+    `robot`: x, y, vx, vy, target x and y, [at least 6]. `drift`: velocity of the target, m/s, [2];
+    added while the target is in sight. `out`: written, [3].
     """
     x, y, goal, max_speed = robot[0], robot[1], robot[4:6], team.limits[i, SPEED]
     to_x, to_y = waypoint((x, y), goal, team.radii[i], ground, paths)
@@ -105,12 +96,8 @@ def _forget_old_paths(targets: Double, goals: Double, costs: Int32, are_old: Boo
 def navigate(all_robots: Double, drifts: Double, team: Team, maps: Maps, out: Double) -> None:
     """Writes the commands of all robots of all copies.
 
-    Args:
-        all_robots: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8].
-        drifts: velocities of the targets, m/s, [E, N, 2].
-        team: constants of the robots.
-        maps: of the episodes; the goals of their paths are the robots' targets.
-        out: written, in [-1, 1], [E, N, 2].
+    `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8]. `drifts`: velocities
+    of the targets, m/s, [E, N, 2]. `out`: written, in [-1, 1], [E, N, 2].
     """
     n_robots, limits, rule = all_robots.shape[1], team.limits, (AVOIDANCE_HORIZON, ROBOT_GAP)
     planes = np.empty((maps.primitives.shape[1] + 4 + 3 * n_robots, 4))

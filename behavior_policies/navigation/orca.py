@@ -31,14 +31,10 @@ def robot_half_plane(
 ) -> None:
     """Writes the velocities that avoid another robot for the horizon (paper, section 4).
 
-    Args:
-        offset: position of the other robot relative to this one, m.
-        velocity: of this robot, m/s.
-        other: velocity of the other robot, m/s.
-        reach: distance of centres to keep, m.
-        rule: horizon, s; time in which an overlap of `reach` is resolved, s; and the share of the
-            correction taken by this robot, 1/2 where both do the same.
-        out: written, [4].
+    `offset`: position of the other robot relative to this one, m. `velocity`: of this robot, m/s.
+    `other`: velocity of the other robot, m/s. `reach`: distance of centres to keep, m. `rule`:
+    horizon, s; time in which an overlap of `reach` is resolved, s; and the share of the correction
+    taken by this robot, 1/2 where both do the same. `out`: written, [4].
     """
     horizon, recovery, share = rule
     x, y = offset
@@ -76,11 +72,8 @@ def robot_half_plane(
 def damper_half_plane(nx: float, ny: float, bound: float, out: Double) -> None:
     """Writes the velocities whose component along a unit vector is at most `bound`, m/s.
 
-    Args:
-        nx: x component of the unit vector, which points to an obstacle.
-        ny: its y component.
-        bound: m/s; negative means to back off.
-        out: written, [4].
+    `nx`: x component of the unit vector, which points to an obstacle. `ny`: its y component.
+    `bound`: m/s; negative means to back off. `out`: written, [4].
     """
     out[0], out[1], out[2], out[3] = nx * bound, ny * bound, -ny, nx
 
@@ -97,12 +90,8 @@ def best_on_line(
 ) -> tuple[bool, float, float]:
     """Returns the best velocity on the border of half-plane k within the k half-planes before it.
 
-    Args:
-        planes: half-planes, [K, 4].
-        k: index of the half-plane.
-        limit: largest speed, m/s.
-        aim: the velocity to approximate, or the direction to maximise the velocity in.
-        is_direction: whether `aim` is a direction.
+    `planes`: half-planes, [K, 4]. `k`: index of the half-plane. `aim`: the velocity to approximate,
+    or the direction to maximise the velocity in. `is_direction`: whether `aim` is a direction.
 
     Returns:
         Whether there is one, and the velocity.
@@ -141,12 +130,9 @@ def best_velocity(
 ) -> tuple[int, float, float]:
     """Returns the velocity in all half-planes that is nearest to `aim` (paper, section 5.2).
 
-    Args:
-        planes: half-planes, [K, 4]; the first n count.
-        n: number of half-planes.
-        limit: largest speed, m/s.
-        aim: the velocity to approximate, or the unit direction to maximise the velocity in.
-        is_direction: whether `aim` is a direction.
+    `planes`: half-planes, [K, 4]; the first n count. `n`: number of half-planes. `aim`: the
+    velocity to approximate, or the unit direction to maximise the velocity in. `is_direction`:
+    whether `aim` is a direction.
 
     Returns:
         The index of the first half-plane that cannot be satisfied, or n; and the best velocity for
@@ -174,13 +160,9 @@ def least_violating(
 ) -> tuple[float, float]:
     """Returns the velocity with the least violation of any soft half-plane (paper, section 5.3).
 
-    Args:
-        planes: half-planes, [K, 4]: n_hard that must hold, then soft ones.
-        n: number of half-planes.
-        n_hard: number of half-planes that must hold.
-        first: index of the half-plane at which `best_velocity` failed.
-        limit: largest speed, m/s.
-        start: the velocity that `best_velocity` returned.
+    `planes`: half-planes, [K, 4]: n_hard that must hold, then soft ones. `n`: number of
+    half-planes. `first`: index of the half-plane at which `best_velocity` failed. `start`: the
+    velocity that `best_velocity` returned.
     """
     vx, vy = start
     worst = 0.0
@@ -226,12 +208,8 @@ def solve(
 ) -> tuple[float, float]:
     """Returns the safe velocity nearest to `aim`; if there is none, the one that is least unsafe.
 
-    Args:
-        planes: half-planes, [K, 4]: n_hard that must hold, then soft ones.
-        n: number of half-planes.
-        n_hard: number of half-planes that must hold.
-        limit: largest speed, m/s.
-        aim: preferred velocity, m/s.
+    `planes`: half-planes, [K, 4]: n_hard that must hold, then soft ones. `n`: number of
+    half-planes. `aim`: preferred velocity, m/s.
     """
     failed, vx, vy = best_velocity(planes, n, limit, aim, False)
     if failed < n:

@@ -43,14 +43,9 @@ def drive_in_traffic(
 ) -> None:
     """Writes the commands of all robots of one copy.
 
-    Args:
-        robots: x, y, vx, vy, target x and y, heading ux and uy first, [N, C].
-        aims: preferred velocity, m/s, and what decides who gives way, of every robot, [N, 3]
-            (`avoidance.robot_half_planes`).
-        team: constants of the robots.
-        half: half width and half height of the arena, m, [2].
-        layout: convex obstacles, [M, 8].
-        out: written, in [-1, 1], [N, 2].
+    `robots`: x, y, vx, vy, target x and y, heading ux and uy first, [N, C]. `aims`: preferred
+    velocity, m/s, and what decides who gives way, of every robot, [N, 3]
+    (`avoidance.robot_half_planes`). `out`: written, in [-1, 1], [N, 2].
     """
     radii, limits, scales, _, dt = team
     n_robots, rule = robots.shape[0], (TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP)

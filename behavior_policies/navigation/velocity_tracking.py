@@ -38,15 +38,9 @@ def command_of(
 ) -> None:
     """Writes the command of one robot.
 
-    Args:
-        velocity: of the robot, m/s.
-        heading: unit vector.
-        wish: the wanted velocity, at most the robot's maximum speed, m/s.
-        limit: row of `dynamics.limits_of`.
-        planes: half-planes of safe velocities (`orca`), most important ones first, [K, 4].
-        n_planes: number of half-planes.
-        dt: control step, s.
-        out: written, in [-1, 1], [2].
+    `velocity`: of the robot, m/s. `wish`: the wanted velocity, at most the robot's maximum speed,
+    m/s. `planes`: half-planes of safe velocities (`orca`), most important ones first, [K, 4].
+    `out`: written, in [-1, 1], [2].
     """
     if limit[UNICYCLE] == 1.0:
         out[1], top = turn_command(heading, wish, limit, dt), limit[SPEED]

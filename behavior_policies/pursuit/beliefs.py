@@ -109,11 +109,7 @@ def told_evader(v: int, x: float, y: float, beliefs: Beliefs) -> int:
 def believe_messages(i: int, heard: Double, hunt: Hunt, beliefs: Beliefs) -> None:
     """Takes over what robot i is told of evaders and of the senders' places.
 
-    Args:
-        i: index of the robot, and of its view.
-        heard: of the robots (`heard_goals`), [N, N, 5].
-        hunt: constants.
-        beliefs: changed.
+    `i`: index of the robot, and of its view.
     """
     for j in range(heard.shape[1]):
         if j == i or heard[i, j, MASK] == 0.0:
@@ -152,15 +148,7 @@ def doubt(i: int, heard: Double, layout: Float, hunt: Hunt, beliefs: Beliefs) ->
 def update_beliefs(
     state: Float, heard: Double, layout: Float, hunt: Hunt, beliefs: Beliefs
 ) -> None:
-    """Updates the beliefs of one episode in a control step.
-
-    Args:
-        state: [S].
-        heard: of the robots (`heard_goals`), [N, N, 5].
-        layout: obstacles, [M, 8].
-        hunt: constants.
-        beliefs: changed.
-    """
+    """Updates the beliefs of one episode in a control step."""
     n, is_limited = heard.shape[0], hunt.columns.memory >= 0
     for v in range(beliefs.ages.shape[0]):
         believe_sight(v, v, state, hunt, beliefs)

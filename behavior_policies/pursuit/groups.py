@@ -73,13 +73,7 @@ def form_groups(v: int, hunt: Hunt, beliefs: Beliefs, plans: Plans) -> None:
 def gather(v: int, k: int, hunt: Hunt, beliefs: Beliefs, plans: Plans, is_final: bool) -> float:
     """The sum of the distances from evader k to the nearest robots without a group, m.
 
-    Args:
-        v: the view.
-        k: the evader.
-        hunt: constants.
-        beliefs: of the episode.
-        plans: of the episode; changed if `is_final`.
-        is_final: whether these robots become its group.
+    `is_final`: whether these robots become its group.
 
     Returns:
         The sum; infinity if there are too few.
@@ -153,13 +147,8 @@ def goals_of_rings(
 def goals_of_chases(v: int, leads: Double, hunt: Hunt, beliefs: Beliefs, goals: Double) -> Bool:
     """Writes where robots drive to that each chase the nearest evader; returns which do, [N].
 
-    Args:
-        v: the view.
-        leads: of each robot: share of its time to the evader, and largest time (s), by which it
-            aims ahead, [N, 2].
-        hunt: constants.
-        beliefs: of the episode.
-        goals: written, m, [N, 2].
+    `leads`: of each robot: share of its time to the evader, and largest time (s), by which it aims
+    ahead, [N, 2].
     """
     n = beliefs.mates.shape[1]
     chases = np.zeros(n, np.bool_)
@@ -193,15 +182,7 @@ def choose_goals(
 ) -> None:
     """Writes where the robots of one episode drive to.
 
-    Args:
-        seed: of the episode.
-        time: control step.
-        layout: obstacles, [M, 8].
-        leads: of robots that chase (`goals_of_chases`); [0, 2] for rings.
-        hunt: constants.
-        beliefs: of the robots.
-        plans: of the robots; changed.
-        goals: written, m, [N, 2].
+    `leads`: of robots that chase (`goals_of_chases`); [0, 2] for rings.
     """
     n, n_views = goals.shape[0], beliefs.ages.shape[0]
     decided = np.empty((n, 2))

@@ -110,14 +110,9 @@ def write_slots(
 ) -> None:
     """Writes slots around an evader, counter-clockwise, [Q, 2].
 
-    Args:
-        place: of the evader, m, [2].
-        phase: where in its share of the directions each slot is, from 0 to 1.
-        first: the direction at which the first share begins.
-        shares: of the directions from the first one on, summed up, up to 1, [D].
-        radius: m.
-        hunt: constants.
-        out: written, m.
+    `place`: of the evader, m, [2]. `phase`: where in its share of the directions each slot is, from
+    0 to 1. `first`: the direction at which the first share begins. `shares`: of the directions from
+    the first one on, summed up, up to 1, [D]. `radius`: m. `out`: written, m.
     """
     n, d = shares.shape[0], 0
     for s in range(out.shape[0]):
@@ -136,13 +131,7 @@ def assign_slots(
 ) -> None:
     """Writes the slot of each member around an evader, m, [Q, 2].
 
-    Args:
-        place: of the evader, m, [2].
-        members: places of the robots, m, [Q, 2].
-        radius: of the ring, m.
-        layout: obstacles, [M, 8].
-        hunt: constants.
-        out: written.
+    `place`: of the evader, m, [2]. `radius`: of the ring, m. `out`: written.
     """
     n, q, least = hunt.directions.shape[0], members.shape[0], math.inf
     are_open, shares, slots = np.empty(n, np.bool_), np.empty(n), np.empty((q, 2))
@@ -173,11 +162,7 @@ def assign_slots(
 def guarded_cos(place: Double, members: Double, layout: Float, hunt: Hunt) -> float:
     """Cosine of the largest angle between an open direction and the nearest guard; 1 without any.
 
-    Args:
-        place: of the evader, m, [2].
-        members: places of the robots, m, [Q, 2].
-        layout: obstacles, [M, 8].
-        hunt: constants.
+    `place`: of the evader, m, [2].
     """
     least, reach = 1.0, RING_RADIUS + GUARD_MARGIN
     for d in range(hunt.directions.shape[0]):
@@ -237,14 +222,8 @@ def ring_goals(
 ) -> tuple[bool, int]:
     """Writes where the robots of a ring drive to.
 
-    Args:
-        place: of the evader, m, [2].
-        velocity: of the evader, m/s, [2].
-        members: places of the robots, m, [Q, 2].
-        phase: what this function returned in the step before; (False, 0) at first.
-        layout: obstacles, [M, 8].
-        hunt: constants.
-        goals: written, m, [Q, 2].
+    `place`: of the evader, m, [2]. `velocity`: of the evader, m/s, [2]. `phase`: what this function
+    returned in the step before; (False, 0) at first. `goals`: written, m, [Q, 2].
 
     Returns:
         Whether the ring closes in, and how long it has waited.

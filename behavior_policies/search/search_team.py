@@ -126,15 +126,8 @@ def list_victims(
 ) -> int:
     """Writes the places of the victims that robot i knows or is told of; returns how many.
 
-    Args:
-        i: index of the robot.
-        own: the victim that it knows itself, or `NO_INDEX`.
-        state: [S].
-        heard: of the robots, [N, N, 5]; a robot's own row says where it is.
-        time: control step.
-        floor: constants.
-        notes: of the robots.
-        out: written, [N, 2].
+    `own`: the victim that it knows itself, or `NO_INDEX`. `heard`: of the robots, [N, N, 5]; a
+    robot's own row says where it is. `out`: written, [N, 2].
     """
     count = 0
     for j in range(heard.shape[1]):
@@ -163,11 +156,7 @@ def list_victims(
 def assigned_victim(i: int, victims: Double, heard: Double, helpers: int) -> int:
     """The victim to which robot i assigns itself, or `NO_INDEX`.
 
-    Args:
-        i: index of the robot.
-        victims: in order, m, [V, 2].
-        heard: of the robots, [N, N, 5].
-        helpers: robots that a victim needs.
+    `victims`: in order, m, [V, 2].
     """
     is_free = heard[i, :, MASK] > 0.0
     for v in range(victims.shape[0]):
@@ -265,15 +254,8 @@ def choose_goals(
 ) -> None:
     """Writes where each robot of one episode goes.
 
-    Args:
-        state: [S].
-        heard: what each robot knows of each, columns `MASK` to `VICTIM_Y`; of itself, where it is,
-            [N, N, 5].
-        layout: obstacles, [M, 8].
-        time: control step.
-        floor: constants.
-        notes: of the robots; changed.
-        goals: written, m, [N, 2].
+    `heard`: what each robot knows of each, columns `MASK` to `VICTIM_Y`; of itself, where it is,
+    [N, N, 5].
     """
     n = heard.shape[0]
     victims = np.empty((n, 2))

@@ -53,17 +53,9 @@ def flee(
 ) -> None:
     """Writes the commands of the evaders of all copies.
 
-    Args:
-        seeds: of the episodes, [E].
-        times: control steps, [E].
-        states: [E, S].
-        layouts: obstacles, [E, M, 8].
-        model: of the evader.
-        radii: of the pursuers, m, [N - 1].
-        limit: of the evader, a row of `dynamics.limits_of`.
-        are_alarmed: changed, [E].
-        headings: in which they wander, changed, [E, 2].
-        out: written, [E, 2].
+    `radii`: of the pursuers, m, [N - 1]. `limit`: of the evader, a row of `dynamics.limits_of`.
+    `are_alarmed`: changed, [E]. `headings`: in which they wander, changed, [E, 2]. `out`: written,
+    [E, 2].
     """
     n, nothing = radii.shape[0], np.empty((0, 4))
     for b in range(states.shape[0]):

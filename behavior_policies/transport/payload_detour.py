@@ -78,14 +78,7 @@ def crosses(
 
 @kernel
 def fill_rings(payload: PayloadState, radius: float, ground: Ground, rings: Rings) -> None:
-    """Writes the points of the rings, each counter-clockwise, and where a robot has room.
-
-    Args:
-        payload: its state; the rings of a circle come from its square.
-        radius: of the robots, m.
-        ground: the free space.
-        rings: written.
-    """
+    """Writes the points of the rings, each counter-clockwise, and where a robot has room."""
     (body, shape), (points, is_free) = payload, rings
     for n in range(N_POINTS):
         k, gap = n % N_RING, RING_GAPS[n // N_RING]
@@ -133,10 +126,8 @@ def _blocking_toll(
 def _relax(points: Double, tolls: Double, costs: Double) -> None:
     """Completes the costs of the points: each is the cheapest over its three neighbors.
 
-    Args:
-        points: m, [N_POINTS, 2].
-        tolls: cost of entering a point, m, infinite where a robot does not fit, [N_POINTS].
-        costs: read and written, m, [N_POINTS].
+    `points`: m, [N_POINTS, 2]. `tolls`: cost of entering a point, m, infinite where a robot does
+    not fit, [N_POINTS]. `costs`: read and written, m, [N_POINTS].
     """
     has_changed = True
     while has_changed:
@@ -166,14 +157,7 @@ def detour_waypoint(
 ) -> tuple[bool, float, float]:
     """Returns the next point of a robot's path to `end`, around the payload.
 
-    Args:
-        i: index of the robot.
-        pushers: the team.
-        end: a point beside the payload, m.
-        payload: its state.
-        radius: of the robots, m.
-        ground: the free space.
-        rings: from `fill_rings`.
+    `end`: a point beside the payload, m.
 
     Returns:
         Whether a point of the path is visible to the robot, and that point, m.

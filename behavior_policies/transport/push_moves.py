@@ -41,13 +41,8 @@ def follow_slot(
 
     A robot of mass 1 kg that commands a velocity `force * dt` above its own accelerates by `force`.
 
-    Args:
-        robot: x, y, vx, vy, [C].
-        body: columns `state_layout.BODY`, [7].
-        push: from `push_team.contact`.
-        force: N.
-        dt: control step, s.
-        out: written: velocity, m/s, and distance to go, for the right of way, m, [any].
+    `robot`: x, y, vx, vy, [C]. `push`: from `push_team.contact`. `force`: N. `out`: written:
+    velocity, m/s, and distance to go, for the right of way, m, [any].
     """
     nx, ny, left, off = push
     ahead = body[2] * nx + body[3] * ny + APPROACH_RATE * off
@@ -69,19 +64,7 @@ def go_to_slot(
     paths: Paths,
     out: Double,
 ) -> None:
-    """Writes the velocity of a robot on its way to its slot.
-
-    Args:
-        i: index of the robot.
-        setup: constants of payload and team.
-        payload: its state.
-        slot: of the robot, [4].
-        pushers: the team.
-        rings: from `payload_detour.fill_rings`.
-        ground: the free space.
-        paths: of the robots to the payload, for robots that do not see it.
-        out: written, see `follow_slot`.
-    """
+    """Writes the velocity of a robot on its way to its slot, see `follow_slot`."""
     robot, radius = pushers.robots[i], setup.radii[i]
     x, y, nx, ny = robot[0], robot[1], slot[2], slot[3]
     dx, dy = slot[0] - x, slot[1] - y
@@ -115,13 +98,8 @@ def keep_clear(
 ) -> None:
     """Writes the velocity of a robot without a slot: away from the payload and its path.
 
-    Args:
-        i: index of the robot.
-        robot: position first, [C].
-        setup: constants of payload and team.
-        body: columns `state_layout.BODY`, [7].
-        direction: unit vector of the payload's path.
-        out: written, see `follow_slot`.
+    `robot`: position first, [C]. `direction`: unit vector of the payload's path. `out`: written,
+    see `follow_slot`.
     """
     dx, dy, shape = robot[0] - body[0], robot[1] - body[1], setup.shape
     ahead, aside = dx * direction[0] + dy * direction[1], dy * direction[0] - dx * direction[1]
@@ -144,13 +122,8 @@ def payload_half_plane(
 ) -> int:
     """Adds the velocities with which a robot does not run into the payload.
 
-    Args:
-        robot: position first, [C].
-        radius: of the robot, m.
-        body: columns `state_layout.BODY`, [7].
-        row: the payload as an obstacle, from `payload.place_row`, [8].
-        planes: written from row n.
-        n: number of half-planes written so far.
+    `robot`: position first, [C]. `row`: the payload as an obstacle, from `payload.place_row`, [8].
+    `planes`: written from row n.
 
     Returns:
         The number of half-planes written so far.
@@ -170,11 +143,8 @@ def away_from_surfaces(
 ) -> tuple[float, float]:
     """The direction of `aim`, turned away from a surface that is near, as a unit vector.
 
-    Args:
-        body: columns `state_layout.BODY`, [7].
-        aim: wanted displacement of the payload, any length.
-        reach: radius of a circle about the payload, m.
-        ground: the free space.
+    `aim`: wanted displacement of the payload, any length. `reach`: radius of a circle about the
+    payload, m.
     """
     x, y = body[0], body[1]
     length = max(math.sqrt(aim[0] * aim[0] + aim[1] * aim[1]), 1e-9)

@@ -44,9 +44,7 @@ class SlotSearch(NamedTuple):
 def face_normal(body: Double, face: int) -> tuple[float, float]:
     """Direction of the push that a face takes, in the world's frame.
 
-    Args:
-        body: columns `state_layout.BODY`, [7].
-        face: its number.
+    `face`: its number.
     """
     ux, uy = body[4], body[5]
     nx, ny = (ux, uy) if face < 2 else (-uy, ux)
@@ -68,12 +66,9 @@ def _add_slot(
 def fill_face(search: SlotSearch, face: int, other: int, limit: int, out: Double) -> int:
     """Writes up to `limit` slots at a face where a robot has room; returns their number.
 
-    Args:
-        search: payload, surroundings and team.
-        face: number of the face.
-        other: the face around the corner at which robots push too, or `NO_INDEX`.
-        limit: largest number of slots.
-        out: written: a robot's centre (m) when it touches, and the direction of its push, [any, 4].
+    `face`: number of the face. `other`: the face around the corner at which robots push too, or
+    `NO_INDEX`. `limit`: largest number of slots. `out`: written: a robot's centre (m) when it
+    touches, and the direction of its push, [any, 4].
     """
     (body, shape), radius = search.payload, search.radius
     nx, ny = face_normal(body, face)
@@ -138,10 +133,8 @@ def choose_slots(search: SlotSearch, before: tuple[int, int], out: Double) -> tu
     otherwise they push at the first alone, and the direction will turn. An earlier choice is kept
     while it is about as good, since robots have to move for a change.
 
-    Args:
-        search: payload, direction, surroundings and team.
-        before: faces of the step before, or `NO_INDEX`.
-        out: written, see `fill_face`, [MAX_SLOTS, 4].
+    `before`: faces of the step before, or `NO_INDEX`. `out`: written, see `fill_face`, [MAX_SLOTS,
+    4].
 
     Returns:
         First face, second face or `NO_INDEX`, and the number of slots.

@@ -41,12 +41,8 @@ def assign_slots(
 
     Path lengths count by their squares: two robots move a little rather than one past the other.
 
-    Args:
-        robots: positions first, [N, C].
-        payload: its state.
-        slots: from `push_slots.choose_slots`, [K, 4], K at most N.
-        margin: by which a straight path must miss the payload, m.
-        out: read and written, [N].
+    `robots`: positions first, [N, C]. `slots`: from `push_slots.choose_slots`, [K, 4], K at most N.
+    `margin`: by which a straight path must miss the payload, m. `out`: read and written, [N].
     """
     n, k = robots.shape[0], slots.shape[0]
     costs = np.empty((n, k))
@@ -96,11 +92,8 @@ def contact(
 
     At a box it pushes along the face's normal, wherever it stands; at a circle towards the centre.
 
-    Args:
-        robot: position first, [C].
-        inset: how much smaller the robot's radius is than that of the slots, m.
-        payload: its state.
-        slot: of the robot, [4].
+    `robot`: position first, [C]. `inset`: how much smaller the robot's radius is than that of the
+    slots, m.
 
     Returns:
         Direction of its push, and how far its slot is to the left and ahead of it, m.
@@ -129,9 +122,7 @@ def stands(left: float, ahead: float, is_circle: bool, was_pushing: bool) -> boo
 def feasible_direction(direction: tuple[float, float], pushes: Double) -> tuple[float, float]:
     """The direction nearest to the wanted one in which pushes can move the payload.
 
-    Args:
-        direction: unit vector.
-        pushes: positions and directions, [K, 4].
+    `direction`: unit vector. `pushes`: positions and directions, [K, 4].
 
     Returns:
         A unit vector, or (0, 0) if none of the pushes has a component along the direction.
@@ -189,12 +180,8 @@ def push_forces(
     The team's force overcomes friction and corrects the velocity; it is shared among the robots
     of a face, and the side that lags behind pushes harder.
 
-    Args:
-        body: columns `state_layout.BODY`, [7].
-        direction: unit vector, from `feasible_direction`.
-        pushes: positions and directions, [K, 4].
-        setup: constants of payload and team.
-        out: written, not negative, [K].
+    `direction`: unit vector, from `feasible_direction`. `pushes`: positions and directions, [K, 4].
+    `out`: written, not negative, [K].
 
     Returns:
         Whether these pushes start the payload closely enough along its direction, without turning

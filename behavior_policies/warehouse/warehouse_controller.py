@@ -125,13 +125,8 @@ def act_copies(
 ) -> None:
     """Writes the commands of all robots of all copies.
 
-    Args:
-        all_robots: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8].
-        team: constants of the robots.
-        half: half width and half height of the arena, m, [2].
-        layouts: shelves, [E, M, 8].
-        roads: of the floor plan.
-        out: written, in [-1, 1], [E, N, 2].
+    `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8]. `out`: written, in
+    [-1, 1], [E, N, 2].
     """
     limits, n_robots = team.limits, all_robots.shape[1]
     aims = np.empty((n_robots, 3))

@@ -52,15 +52,20 @@ PASSAGE_MARGIN = 0.1
 
 @kernel
 def _place(
-    anchors: Double,  # [N, 2] starts without jitter, m
-    jitter: float,  # m
-    is_turned: bool,  # starts are rotated, and goals are opposite; else goals are mirrored in x
-    has_heading: Bool,  # [N] whether a heading is drawn
-    seeds: Seeds,  # see `Place`
-    copies: Int,  # the same
-    robots: Float,  # the same
+    anchors: Double,
+    jitter: float,
+    is_turned: bool,
+    has_heading: Bool,
+    seeds: Seeds,
+    copies: Int,
+    robots: Float,
 ) -> None:
-    """Implements `Place`."""
+    """Implements `Place`.
+
+    `anchors`: [N, 2] starts without jitter, m. `jitter`: m. `is_turned`: starts are rotated, and
+    goals are opposite; else goals are mirrored in x. `has_heading`: [N] whether a heading is drawn.
+    `seeds`, `copies`, `robots`: see `Place`.
+    """
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
         b = copies[k]

@@ -58,12 +58,7 @@ from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, St
 
 @kernel
 def score_navigation(
-    before: Float,  # [E, S] states before the step
-    after: Float,  # [E, S] states after the step
-    active: Bool,  # [E]
-    goal_radius: float,  # m
-    terms: Float,  # [E, N, R] progress and time are written
-    solved: Bool,  # [E] written
+    before: Float, after: Float, active: Bool, goal_radius: float, terms: Float, solved: Bool
 ) -> None:
     """Writes the task's own terms of the active copies, and whether all robots are at goals."""
     for b in range(before.shape[0]):

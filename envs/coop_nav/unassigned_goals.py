@@ -78,11 +78,7 @@ def fill_distances(state: Float, n: int, out: Double) -> None:
 def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
     """Turns the targets of newly spawned states into unassigned goals, in the rows `copies`.
 
-    Args:
-        states: goals and targets are written, [E, S].
-        copies: rows to write.
-        n: number of robots and goals.
-        radius: of goals, m.
+    `states`: goals and targets are written, [E, S].
     """
     holders = np.empty(n, np.int64)
     for b in copies:
@@ -95,16 +91,18 @@ def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
 
 @kernel
 def score_coverage(
-    before: Float,  # [E, S] states before the step
-    after: Float,  # [E, S] states after the step; targets are written
-    active: Bool,  # [E]
-    radius: float,  # of goals, m
-    scratch: tuple[Double, Double, Int],  # overwritten: costs [N, N], and the memory of
-    # `assignment.assign`
-    terms: Float,  # [E, N, R] progress and time are written
-    solved: Bool,  # [E] written
+    before: Float,
+    after: Float,
+    active: Bool,
+    radius: float,
+    scratch: tuple[Double, Double, Int],
+    terms: Float,
+    solved: Bool,
 ) -> None:
-    """Writes targets, the task's own terms, and whether all goals are covered, in active copies."""
+    """Writes targets, the task's own terms, and whether all goals are covered, in active copies.
+
+    `scratch`: overwritten: costs [N, N], and the memory of `assignment.assign`.
+    """
     n = terms.shape[1]
     costs, work, places = scratch
     for b in range(before.shape[0]):
@@ -123,15 +121,7 @@ def score_coverage(
 
 @kernel
 def write_goal_features(states: Float, active: Bool, n: int, radius: float, out: Float) -> None:
-    """Writes `goal_features` of every robot of the active copies.
-
-    Args:
-        states: [E, S].
-        active: [E].
-        n: number of robots and goals.
-        radius: of goals, m.
-        out: written, [E, N, 3 N].
-    """
+    """Writes `goal_features` of every robot of the active copies, [E, N, 3 N]."""
     holders, order, distances = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
     for b in range(states.shape[0]):
         if not active[b]:

@@ -67,13 +67,7 @@ from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, St
 
 @kernel
 def score_formation(state: Float, tolerance: float, terms: Float) -> bool:
-    """Writes the task's own terms of one copy, and returns whether it is in formation.
-
-    Args:
-        state: after the step, [S].
-        tolerance: m.
-        terms: deviation, time and velocity are written, [N, R].
-    """
+    """Writes the task's own terms of one copy, and returns whether it is in formation."""
     n, total = terms.shape[0], 0.0
     for i in range(n):
         r = N_COLUMNS * i
@@ -92,17 +86,21 @@ def score_formation(state: Float, tolerance: float, terms: Float) -> bool:
 
 @kernel
 def advance(
-    states: Float,  # [E, S] robots are those after the step; targets and extras are written
-    times: Int,  # [E] control steps taken
-    active: Bool,  # [E]
-    course: Course,  # of the spec
-    rule: tuple[float, int],  # tolerance, m, and steps in formation that solve the task. A plain
-    # tuple, since named ones are slower to pass
-    scratch: Scratch,  # overwritten
-    terms: Float,  # [E, N, R] deviation, time and velocity are written
-    solved: Bool,  # [E] written
+    states: Float,
+    times: Int,
+    active: Bool,
+    course: Course,
+    rule: tuple[float, int],
+    scratch: Scratch,
+    terms: Float,
+    solved: Bool,
 ) -> None:
-    """Completes the states of the active copies and scores them."""
+    """Completes the states of the active copies and scores them.
+
+    `states`: [E, S] robots are those after the step; targets and extras are written. `rule`:
+    tolerance, m, and steps in formation that solve the task. A plain tuple, since named ones are
+    slower to pass.
+    """
     tolerance, needed = rule
     held = N_COLUMNS * course[0].shape[0] + HELD
     for b in range(states.shape[0]):
@@ -117,11 +115,7 @@ def advance(
 def write_formation_features(states: Float, active: Bool, n: int, out: Float) -> None:
     """Writes the task's features of every robot in the active copies.
 
-    Args:
-        states: [E, S].
-        active: [E].
-        n: number of robots.
-        out: written; 8 features and 2 for each preview, [E, N, F].
+    `out`: written; 8 features and 2 for each preview, [E, N, F].
     """
     n_previews = (out.shape[2] - 8) // 2
     for b in range(states.shape[0]):

@@ -201,14 +201,13 @@ def _draw_one(
 
 @kernel
 def _draw(
-    seeds: Seeds,  # [len(copies)] episode seeds
-    copies: Int,  # rows to write
-    plan: EpisodePlan,  # of the spec
-    points: int,  # where the control points begin in a state
-    layouts: Float,  # [E, M, 8] written
-    states: Float,  # [E, S] robots at rest and control points are written
+    seeds: Seeds, copies: Int, plan: EpisodePlan, points: int, layouts: Float, states: Float
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
+
+    `points`: where the control points begin in a state. `states`: [E, S] robots at rest and control
+    points are written.
+    """
     state, n = np.empty(1, np.uint64), plan.spawn.radii.shape[0]
     poses = np.empty((plan.checks.shape[0], 4))
     for k in range(copies.shape[0]):

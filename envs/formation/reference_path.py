@@ -47,10 +47,9 @@ class PathPlan(NamedTuple):
 def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float, float, float]:
     """Returns a path's position, and its first and second derivative by `s`.
 
-    Args:
-        row: ends with the control points x, y, x, y, ..., m, [first + 2 K].
-        first: index of the first control point.
-        s: segments from the start, at least 0; beyond the end, the last segment is extrapolated.
+    `row`: ends with the control points x, y, x, y, ..., m, [first + 2 K]. `first`: index of the
+    first control point. `s`: segments from the start, at least 0; beyond the end, the last segment
+    is extrapolated.
     """
     k = min(int(s), (row.shape[0] - first) // 2 - 4)
     u = s - k
@@ -78,12 +77,8 @@ def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float
 def write_pose(row: Float, first: int, s: float, out: Float | Double, at: int) -> None:
     """Writes position (m) and heading (unit vector) of the reference to `out[at : at + 4]`.
 
-    Args:
-        row: as in `spline`.
-        first: as in `spline`.
-        s: segments from the start.
-        out: written; may be `row`.
-        at: where.
+    `row`: as in `spline`. `first`: as in `spline`. `s`: segments from the start. `out`: written;
+    may be `row`. `at`: where.
     """
     x, y, dx, dy, _, _ = spline(row, first, s)
     scale = 1.0 / math.sqrt(dx * dx + dy * dy)
@@ -114,10 +109,7 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
     This is a random walk in the box that never gets stuck: after every edge, a loop of the sharpest
     turns to one side still fits. Where no random edge does, the walk takes the loop's next edge.
 
-    Args:
-        state: of the generator, [1].
-        plan: the same for every episode.
-        points: written, control points x, y, x, y, ..., m, [2 K].
+    `points`: written, control points x, y, x, y, ..., m, [2 K].
     """
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
@@ -147,15 +139,13 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
 
 @kernel
 def fits(
-    x: float,  # point, m
-    y: float,  # point, m
-    ux: float,  # direction of the edge that led to it, unit vector
-    uy: float,  # the same
-    plan: PathPlan,  # the same for every episode
-    n_edges: int,  # number of edges after the point
-    side: float,  # 1 to turn left, -1 to turn right
+    x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
 ) -> bool:
-    """Whether a point, and the shortest edges with the sharpest turns after it, are in the box."""
+    """Whether a point, and the shortest edges with the sharpest turns after it, are in the box.
+
+    `x`: point, m. `y`: point, m. `ux`, `uy`: direction of the edge that led to it, unit vector.
+    `n_edges`: number of edges after the point. `side`: 1 to turn left, -1 to turn right.
+    """
     edge = MIN_EDGE_SHARE * plan.longest
     for _ in range(n_edges):
         if abs(x) > plan.room[0] or abs(y) > plan.room[1]:

@@ -40,13 +40,7 @@ def _are_nearest(costs: Double, places: Int) -> bool:
 
 @kernel
 def place_slots(state: Float, course: Course, scratch: Scratch) -> None:
-    """Writes the targets of one state [S] from its robots and its reference.
-
-    Args:
-        state: [S].
-        course: of the spec.
-        scratch: overwritten.
-    """
+    """Writes the targets of one state [S] from its robots and its reference."""
     offsets, is_assigned, _, _, _ = course
     slots, costs, work, places = scratch
     n = offsets.shape[0]

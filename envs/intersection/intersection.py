@@ -103,14 +103,7 @@ class StartPlan(NamedTuple):
 
 @kernel
 def draw_starts(seeds: Seeds, copies: Int, plan: StartPlan, states: Float) -> None:
-    """Draws where the robots of the episodes `seeds` start, at rest; the rest of a state is 0.
-
-    Args:
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        plan: of the spec.
-        states: written, [E, S].
-    """
+    """Draws where the robots of the episodes `seeds` start, at rest; the rest of a state is 0."""
     n = plan.radii.shape[0]
     state, order = np.empty(1, np.uint64), np.empty(n, np.int64)
     for c in range(copies.shape[0]):
@@ -173,12 +166,7 @@ def due_time(seed: np.uint64, robot: int, trip: int, headway: float) -> float:
 def start_trips(seeds: Seeds, copies: Int, entries: Double, headway: float, states: Float) -> None:
     """Gives the robots, which are at their starts, their first trips.
 
-    Args:
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        entries: of the junction, [4, 2].
-        headway: s.
-        states: targets and extras are written, [E, S].
+    `states`: targets and extras are written, [E, S].
     """
     for c in range(copies.shape[0]):
         row = states[copies[c]]
@@ -192,16 +180,16 @@ def start_trips(seeds: Seeds, copies: Int, entries: Double, headway: float, stat
 
 @kernel
 def serve_trips(
-    before: Float,  # [E, S] states before the step
-    after: Float,  # states after the step; targets and extras, as before it, are updated
-    seeds: Seeds,  # [E]
-    times: Int,  # [E] control steps since the reset, this one included
-    active: Bool,  # [E]
-    entries: Double,  # [4, 2] of the junction
-    exits: Double,  # [4, 2] of the junction
-    rules: tuple[float, float, int, float],  # goal radius, m; headway, s; quota; control step, s
-    terms: Float,  # [E, N, R] progress, entry, crossing and time are written
-    solved: Bool,  # [E] written
+    before: Float,
+    after: Float,
+    seeds: Seeds,
+    times: Int,
+    active: Bool,
+    entries: Double,
+    exits: Double,
+    rules: tuple[float, float, int, float],
+    terms: Float,
+    solved: Bool,
 ) -> None:
     """Lets robots enter and leave in the active copies, and scores the step."""
     goal_radius, headway, quota, dt = rules

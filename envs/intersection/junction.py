@@ -108,15 +108,14 @@ def arm_at(x: float, y: float) -> int:
 
 @kernel(inline="always")
 def next_corner(
-    x: float,  # m; with noise, a robot may believe that it is inside a corner
-    y: float,  # m
-    target_x: float,  # m; a gate
-    target_y: float,  # m
-    half_width: float,  # of an arm, m
+    x: float, y: float, target_x: float, target_y: float, half_width: float
 ) -> tuple[float, float]:
     """Returns the point to drive to next: the target, or where the path turns before it.
 
     A robot in an arm drives along it, before it turns into one that crosses it.
+
+    `x`: m; with noise, a robot may believe that it is inside a corner. `y`: m. `target_x`: m; a
+    gate. `target_y`: m. `half_width`: of an arm, m.
     """
     if abs(y) > half_width and abs(target_x) > half_width:
         return x, target_y

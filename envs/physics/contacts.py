@@ -70,19 +70,23 @@ def _static_contacts(
 
 @kernel
 def update_contacts(
-    positions: Double,  # [N, any] the first two columns, m
-    radii: Double,  # [N] m
-    layout: Float,  # [M, 8] obstacles
-    half: Double,  # [2] half width and half height of the arena, m
-    robots: Bool,  # read and written, [N, N] upper triangle
-    obstacles: Bool,  # [N, M + 4] read and written
-    slack: Double,  # read and written, [N, 3]: the position at which a robot's gap to everything
-    # static was last computed, and that gap (m). A robot that has moved less cannot touch anything
-    # static
-    events: Counts,  # added to, [N, 4] columns `types.EVENTS`; onsets count for both robots of a
-    # pair
+    positions: Double,
+    radii: Double,
+    layout: Float,
+    half: Double,
+    robots: Bool,
+    obstacles: Bool,
+    slack: Double,
+    events: Counts,
 ) -> None:
-    """Updates the contacts of one copy and adds to its events."""
+    """Updates the contacts of one copy and adds to its events.
+
+    `positions`: [N, any] the first two columns, m. `robots`: read and written, [N, N] upper
+    triangle. `obstacles`: [N, M + 4] read and written. `slack`: read and written, [N, 3]: the
+    position at which a robot's gap to everything static was last computed, and that gap (m). A
+    robot that has moved less cannot touch anything static. `events`: added to, [N, 4] columns
+    `types.EVENTS`; onsets count for both robots of a pair.
+    """
     _robot_contacts(positions, radii, robots, events)
     for i in range(positions.shape[0]):
         px, py = positions[i, 0], positions[i, 1]

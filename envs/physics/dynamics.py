@@ -67,19 +67,25 @@ def limits_of(spec: TaskSpec) -> Double:
 
 @kernel
 def begin_step(
-    limits: Double,  # [N, 9]
-    active: Bool,  # [E] written: the copies that have not ended
-    commands: Double,  # [E, N, 2] written
-    actions: Float | Double,  # [E, N, A] the first two columns are commands
-    terminations: Bool,  # [E] of the step before
-    truncations: Bool,  # [E] of the step before
-    old_times: Int,  # [E] of the step before
-    old_states: Float,  # [E, S] of the step before
-    times: Int,  # [E] written: the old times, plus one in active copies
-    states: Float,  # [E, S] written: the old states
-    events: Counts,  # [E, N, 4] written: zeros
+    limits: Double,
+    active: Bool,
+    commands: Double,
+    actions: Float | Double,
+    terminations: Bool,
+    truncations: Bool,
+    old_times: Int,
+    old_states: Float,
+    times: Int,
+    states: Float,
+    events: Counts,
 ) -> int:
     """Finds the active copies, clips their commands, and begins their step.
+
+    `active`: [E] written: the copies that have not ended. `commands`: [E, N, 2] written. `actions`:
+    [E, N, A] the first two columns are commands. `terminations`: [E] of the step before.
+    `truncations`: [E] of the step before. `old_times`: [E] of the step before. `old_states`: [E, S]
+    of the step before. `times`: [E] written: the old times, plus one in active copies. `states`:
+    [E, S] written: the old states. `events`: [E, N, 4] written: zeros.
 
     Returns:
         The number of active copies; -1 if an action of one of them is not finite.
@@ -168,15 +174,20 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
 
 @kernel(inline="always")
 def drive(
-    robots: Double,  # [N, 6] columns x, y, vx, vy, ux, uy; headings are turned
-    commands: Double,  # [N, 2] clipped
-    limits: Double,  # [N, 9]
-    n_substeps: int,  # physics steps in a control step
-    dt: float,  # length of a physics step, s
-    k: int,  # number of the physics step, from 0
-    out: Double,  # m/s^2, [N, 2]; kept for holonomic robots after the first physics step
+    robots: Double,
+    commands: Double,
+    limits: Double,
+    n_substeps: int,
+    dt: float,
+    k: int,
+    out: Double,
 ) -> None:
-    """Writes the accelerations of one copy's robots in physics step `k` of a control step."""
+    """Writes the accelerations of one copy's robots in physics step `k` of a control step.
+
+    `robots`: [N, 6] columns x, y, vx, vy, ux, uy; headings are turned. `commands`: [N, 2] clipped.
+    `k`: number of the physics step, from 0. `out`: m/s^2, [N, 2]; kept for holonomic robots after
+    the first physics step.
+    """
     for i in range(robots.shape[0]):
         if limits[i, UNICYCLE] == 1.0:
             out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], dt)
@@ -187,15 +198,20 @@ def drive(
 
 @kernel
 def _follow(
-    active: Bool,  # [E]
-    times: Int,  # [E] control steps taken, this one included
-    delays: Int,  # [E, N] control steps
-    shares: Double,  # [E, N] 1 - exp(-dt / lag)
-    given: Double,  # [E, D + 1, N, 2] the last commands, a ring over time
-    motors: Double,  # [E, N, 2] commands of the motors, read and written
-    commands: Double,  # [E, N, 2] read and written
+    active: Bool,
+    times: Int,
+    delays: Int,
+    shares: Double,
+    given: Double,
+    motors: Double,
+    commands: Double,
 ) -> None:
-    """Replaces the commands of the active copies by those that reach the motors."""
+    """Replaces the commands of the active copies by those that reach the motors.
+
+    `delays`: [E, N] control steps. `shares`: [E, N] 1 - exp(-dt / lag). `given`: [E, D + 1, N, 2]
+    the last commands, a ring over time. `motors`: [E, N, 2] commands of the motors, read and
+    written. `commands`: [E, N, 2] read and written.
+    """
     depth = given.shape[1]
     for b in range(commands.shape[0]):
         if not active[b]:

@@ -22,13 +22,7 @@ _ROUNDING = 1e-9  # more (m) than rounding errors of distances; it makes a bound
 
 @kernel(inline="always")
 def move(robots: Double, accelerations: Double, dt: float) -> None:
-    """Moves robots for one free physics step: positions first, then velocities.
-
-    Args:
-        robots: read and written, [N, 6].
-        accelerations: m/s^2, [N, 2].
-        dt: length of the step, s.
-    """
+    """Moves robots for one free physics step: positions first, then velocities."""
     for i in range(robots.shape[0]):
         robots[i, 0] += robots[i, 2] * dt
         robots[i, 1] += robots[i, 3] * dt
@@ -41,11 +35,7 @@ def move(robots: Double, accelerations: Double, dt: float) -> None:
 def write_travel_bounds(robots: Double, limits: Double, time: float, out: Double) -> None:
     """Writes upper bounds of the distances that robots travel in free motion.
 
-    Args:
-        robots: [N, 6].
-        limits: `dynamics.limits_of`, [N, 9].
-        time: s.
-        out: written, m, [N].
+    `time`: s. `out`: written, m, [N].
     """
     for i in range(robots.shape[0]):
         speed = math.sqrt(robots[i, 2] * robots[i, 2] + robots[i, 3] * robots[i, 3])
@@ -72,15 +62,20 @@ def static_gap(px: float, py: float, radius: float, layout: Float, half: Double)
 
 @kernel(inline="always")
 def is_free(
-    robots: Double,  # [N, 6]
-    ahead: float,  # s; gaps are those after robots have moved by their velocities for this time
-    travel: Double,  # [N] how much further they may move, m
-    radii: Double,  # [N] m
-    layout: Float,  # [M, 8] obstacles
-    half: Double,  # [2] half width and half height of the arena, m
-    slack: Double,  # [N, 3] read and written, `backend.Contacts.slack` of this copy
+    robots: Double,
+    ahead: float,
+    travel: Double,
+    radii: Double,
+    layout: Float,
+    half: Double,
+    slack: Double,
 ) -> bool:
-    """Whether every gap stays above `SEPARATION_GAP`."""
+    """Whether every gap stays above `SEPARATION_GAP`.
+
+    `ahead`: s; gaps are those after robots have moved by their velocities for this time. `travel`:
+    [N] how much further they may move, m. `slack`: [N, 3] read and written,
+    `backend.Contacts.slack` of this copy.
+    """
     n = robots.shape[0]
     for i in range(n):
         px, py = robots[i, 0] + robots[i, 2] * ahead, robots[i, 1] + robots[i, 3] * ahead

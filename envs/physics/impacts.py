@@ -106,17 +106,21 @@ def _is_deep(
 
 @kernel
 def time_to_impact(
-    robots: Double,  # [N, 6]
-    bodies: Double,  # [K, 7] movable bodies
-    left: float,  # what is left of the physics step, s
-    dt: float,  # length of the physics step, s
-    radii: Double,  # [N] m
-    shapes: Double,  # [K, 3] shape code, half length and half width of the movable bodies
-    layout: Float,  # [M, 8] obstacles
-    half: Double,  # [2] half width and half height of the arena, m
-    slack: Double,  # [N, 3] `backend.Contacts.slack` of this copy
+    robots: Double,
+    bodies: Double,
+    left: float,
+    dt: float,
+    radii: Double,
+    shapes: Double,
+    layout: Float,
+    half: Double,
+    slack: Double,
 ) -> float:
-    """Returns the length of the next part of a physics step, s."""
+    """Returns the length of the next part of a physics step, s.
+
+    `bodies`: [K, 7] movable bodies. `left`: what is left of the physics step, s. `shapes`: [K, 3]
+    shape code, half length and half width of the movable bodies.
+    """
     if not _is_deep(robots, bodies, left, radii, shapes, layout, half, slack):
         return left
     early, late = 0.0, left

@@ -74,15 +74,14 @@ def steps_in(physics_dt: float) -> int:
 
 @kernel
 def _write_shapes(
-    layout: Float,  # [M, 8] obstacles
-    geoms: Int,  # their geoms, as many as each has bars, at least one
-    pos: Double,  # [G, 3] m
-    quat: Double,  # [G, 4]
-    size: Double,  # [G, 3] radius or half lengths, m
-    reach: Double,  # [G] of the bounding spheres, m
-    box: Double,  # [G, 6] bounding boxes, centre and half lengths, m
+    layout: Float, geoms: Int, pos: Double, quat: Double, size: Double, reach: Double, box: Double
 ) -> None:
-    """Writes obstacles to the geoms of a model."""
+    """Writes obstacles to the geoms of a model.
+
+    `geoms`: their geoms, as many as each has bars, at least one. `pos`: [G, 3] m. `quat`: [G, 4].
+    `size`: [G, 3] radius or half lengths, m. `reach`: [G] of the bounding spheres, m. `box`: [G, 6]
+    bounding boxes, centre and half lengths, m.
+    """
     s = 0
     for m in range(layout.shape[0]):
         row = layout[m].astype(np.float64)

@@ -151,14 +151,13 @@ def start(robot: Double, positions: Double, velocities: Double) -> None:
 
 @kernel(inline="always")
 def wheel_speeds(
-    robot: Double,  # [6] x, y, vx, vy, ux, uy
-    command: Double,  # [2] clipped
-    limit: Double,  # [9] row of the limits
-    radius: float,  # of the robot, m
+    robot: Double, command: Double, limit: Double, radius: float
 ) -> tuple[float, float]:
     """Returns the speeds of the left and right wheel (rad/s) that a unicycle's command asks for.
 
     They are ahead of the robot by no more than what its largest force along the floor takes.
+
+    `robot`: [6] x, y, vx, vy, ux, uy.
     """
     ahead = robot[2] * robot[4] + robot[3] * robot[5]
     top, lead = limit[SPEED], limit[ACCELERATION] * limit[MASS] * RESPONSE_TIME
@@ -175,12 +174,8 @@ def wheel_speeds(
 def read(positions: Double, velocities: Double, place: int, speed: int, robot: Double) -> None:
     """Reads a robot from its joint coordinates.
 
-    Args:
-        positions: of all joints.
-        velocities: of all joints.
-        place: the robot's first position.
-        speed: the robot's first velocity.
-        robot: x, y, vx, vy, ux, uy, written, [6].
+    `positions`: of all joints. `velocities`: of all joints. `place`: the robot's first position.
+    `speed`: the robot's first velocity. `robot`: x, y, vx, vy, ux, uy, written, [6].
     """
     for c in range(2):
         robot[c], robot[2 + c] = positions[place + c], velocities[speed + c]

@@ -43,9 +43,7 @@ def bars(row: Float, out: Double) -> int:
     The first corner is the one with the smallest x, then y: the order that Munk2D's convex hull
     gives, so that a shape built by hull and one written in place have the same vertices.
 
-    Args:
-        row: one obstacle, columns `geometry.OBSTACLE`, [8].
-        out: written, m, [3, 4, 2].
+    `row`: one obstacle, columns `geometry.OBSTACLE`, [8]. `out`: written, m, [3, 4, 2].
     """
     x, y, ux, uy = float(row[1]), float(row[2]), float(row[3]), float(row[4])
     a, b, t = float(row[5]), float(row[6]), float(row[7])

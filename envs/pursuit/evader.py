@@ -111,15 +111,12 @@ EVADERS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 
 @kernel(error_model="numpy")
 def slide(
-    x: float,  # of its centre, m, where it is free
-    y: float,  # the same
-    dx: float,  # m; less than the radius, or it may pass through bars
-    dy: float,  # the same
-    layout: Float,  # [M, 8] obstacles
-    half: Double,  # [2] half width and half height of the arena, m
-    radius: float,  # of the disc, m
+    x: float, y: float, dx: float, dy: float, layout: Float, half: Double, radius: float
 ) -> tuple[float, float]:
     """Where a disc comes to that moves by (dx, dy), along obstacles and walls in its way.
+
+    `x`, `y`: of its centre, m, where it is free. `dx`, `dy`: m; less than the radius, or it may
+    pass through bars.
 
     Returns:
         A place where it is free: the place where it was, if the way round is not that simple.
@@ -152,14 +149,19 @@ def slide(
 
 @kernel(error_model="numpy")
 def heading_value(
-    heading: int,  # row of `model.headings`
-    place: tuple[float, float],  # of the evader, m
-    seen: Double,  # [P, 2] places of the pursuers that it sees, m
-    stays: bool,  # whether these stay where they are; otherwise they drive at the evader
-    layout: Float,  # [M, 8] obstacles
-    model: EvaderModel,  # of evaders
+    heading: int,
+    place: tuple[float, float],
+    seen: Double,
+    stays: bool,
+    layout: Float,
+    model: EvaderModel,
 ) -> float:
-    """How good it is to flee along a heading; see the module."""
+    """How good it is to flee along a heading; see the module.
+
+    `heading`: row of `model.headings`. `place`: of the evader, m. `seen`: [P, 2] places of the
+    pursuers that it sees, m. `stays`: whether these stay where they are; otherwise they drive at
+    the evader.
+    """
     time = model.lookahead / N_ROLL_STEPS
     step, reach = model.speed * time, model.pursuer_speed * time
     dx, dy = step * model.headings[heading, 0], step * model.headings[heading, 1]
@@ -202,13 +204,11 @@ def best_heading(
 
 @kernel
 def look_for_pursuers(
-    place: tuple[float, float],  # of the evader, m
-    robots: Double,  # [N, 2] their places, m
-    layout: Float,  # [M, 8] obstacles
-    model: EvaderModel,  # of evaders
-    seen: Double,  # [N, 2] written, m
+    place: tuple[float, float], robots: Double, layout: Float, model: EvaderModel, seen: Double
 ) -> tuple[int, float]:
     """Writes the places of the pursuers that an evader sees.
+
+    `place`: of the evader, m. `robots`: [N, 2] their places, m. `seen`: [N, 2] written, m.
 
     Returns:
         How many it sees, and the distance to the nearest of them, m.
@@ -251,15 +251,18 @@ def wander(
 
 @kernel(error_model="numpy")
 def move_among(
-    place: tuple[float, float],  # of the evader, m
-    dx: float,  # m
-    dy: float,  # the same
-    robots: Double,  # [N, 2] their places after the step, m
-    radii: Double,  # [N] of the robots, m
-    layout: Float,  # [M, 8] obstacles
-    model: EvaderModel,  # of evaders
+    place: tuple[float, float],
+    dx: float,
+    dy: float,
+    robots: Double,
+    radii: Double,
+    layout: Float,
+    model: EvaderModel,
 ) -> tuple[float, float]:
-    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots."""
+    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots.
+
+    `place`: of the evader, m. `dx`, `dy`: m. `robots`: [N, 2] their places after the step, m.
+    """
     x, y = place
     length = math.sqrt(dx * dx + dy * dy)
     n_parts = 1 + int(2.0 * length / model.radius)

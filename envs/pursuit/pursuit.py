@@ -105,15 +105,14 @@ def places_of(state: Float, n: int) -> Double:
 
 @kernel
 def move_evader(
-    new: Float,  # [S] the state, with the evader as before the step; changed
-    k: int,  # index of the evader
-    bits: np.uint64,  # random
-    robots: Double,  # [N, 2] their places before the step, by which it decides, m
-    moved: Double,  # [N, 2] their places after the step, to which it gives way, m
-    layout: Float,  # [M, 8] obstacles
-    chase: Chase,  # constants
+    new: Float, k: int, bits: np.uint64, robots: Double, moved: Double, layout: Float, chase: Chase
 ) -> None:
-    """Moves evader k for a control step."""
+    """Moves evader k for a control step.
+
+    `new`: [S] the state, with the evader as before the step; changed. `robots`: [N, 2] their places
+    before the step, by which it decides, m. `moved`: [N, 2] their places after the step, to which
+    it gives way, m.
+    """
     columns, model = chase.columns, chase.model
     at, u, v = columns.places + 2 * k, columns.headings + 2 * k, columns.velocities + 2 * k
     place = (np.float64(new[at]), np.float64(new[at + 1]))
@@ -165,15 +164,15 @@ def target_distance(state: Float, i: int) -> float:
 
 @kernel
 def serve_pursuits(
-    before: Float,  # [E, S] states before the step
-    after: Float,  # states after the step; targets and extras, as before it, are updated
-    layouts: Float,  # [E, M, 8]
-    seeds: Seeds,  # [E]
-    times: Int,  # [E] control steps since the reset, this one included
-    active: Bool,  # [E]
-    chase: Chase,  # constants
-    terms: Float,  # [E, N, R] progress, capture and time are written
-    solved: Bool,  # [E] written
+    before: Float,
+    after: Float,
+    layouts: Float,
+    seeds: Seeds,
+    times: Int,
+    active: Bool,
+    chase: Chase,
+    terms: Float,
+    solved: Bool,
 ) -> None:
     """Moves and captures evaders in the active copies, lets robots look, and scores the step."""
     columns, n = chase.columns, terms.shape[1]

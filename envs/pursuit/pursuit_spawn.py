@@ -25,14 +25,13 @@ from swarmdata.types import Double, Float, Int, Seeds
 
 @kernel
 def place_robots(
-    state: Seeds,  # [1] of the generator
-    plan: SpawnPlan,  # of the spec
-    corner: int,  # 0 to 3; its bits say whether it is at the right, and whether at the top
-    size: float,  # side of the square, m
-    layout: Float,  # [M, 8]
-    starts: Float,  # [N, 2] written
+    state: Seeds, plan: SpawnPlan, corner: int, size: float, layout: Float, starts: Float
 ) -> bool:
-    """Draws the robots' starts in a square in a corner; returns False if one found no place."""
+    """Draws the robots' starts in a square in a corner; returns False if one found no place.
+
+    `corner`: 0 to 3; its bits say whether it is at the right, and whether at the top. `size`: side
+    of the square, m. `starts`: [N, 2] written.
+    """
     for i in range(plan.radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
             if attempt == PLACE_TRIES:
@@ -47,14 +46,12 @@ def place_robots(
 
 @kernel
 def place_evaders(
-    state: Seeds,  # [1] of the generator
-    plan: SpawnPlan,  # of the spec
-    radii: Double,  # [K] of the evaders, m
-    layout: Float,  # [M, 8]
-    starts: Float,  # [N, 2] of the robots, m
-    evaders: Float,  # [K, 2] written, m
+    state: Seeds, plan: SpawnPlan, radii: Double, layout: Float, starts: Float, evaders: Float
 ) -> bool:
-    """Draws the evaders' places, away from all starts; returns False if one found none."""
+    """Draws the evaders' places, away from all starts; returns False if one found none.
+
+    `radii`: [K] of the evaders, m. `starts`: [N, 2] of the robots, m. `evaders`: [K, 2] written, m.
+    """
     most = plan.min_goal_distance * plan.min_goal_distance
     for k in range(radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -75,17 +72,20 @@ def place_evaders(
 
 @kernel
 def start_pursuits(
-    seeds: Seeds,  # [len(copies)] episode seeds
-    copies: Int,  # rows to write
-    plan: SpawnPlan,  # of the spec
-    start_size: float,  # side of the square in which robots start, m
-    radii: Double,  # [K] of the evaders, m
-    sight_range: float,  # of the robots, m
-    columns: Columns,  # of the states
-    layouts: Float,  # [E, M, 8] written
-    states: Float,  # [E, S] written
+    seeds: Seeds,
+    copies: Int,
+    plan: SpawnPlan,
+    start_size: float,
+    radii: Double,
+    sight_range: float,
+    columns: Columns,
+    layouts: Float,
+    states: Float,
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
+
+    `radii`: [K] of the evaders, m.
+    """
     n, state = plan.radii.shape[0], np.empty(1, np.uint64)
     for c in range(copies.shape[0]):
         row, layout = states[copies[c]], layouts[copies[c]]

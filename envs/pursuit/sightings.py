@@ -74,12 +74,7 @@ def sighting(state: Float, i: int, k: int, columns: Columns) -> Sighting:
 
 @kernel
 def remember(
-    state: Float,  # [S] changed
-    i: int,  # index of the robot
-    layout: Float,  # [M, 8] obstacles
-    sight_range: float,  # m
-    dt: float,  # s
-    columns: Columns,  # of the state
+    state: Float, i: int, layout: Float, sight_range: float, dt: float, columns: Columns
 ) -> None:
     """Lets robot i look, and forget, after a time `dt`; nothing to do if it sees everything."""
     if columns.memory < 0:

@@ -104,12 +104,7 @@ def knows_victim(state: Float, i: int, k: int, columns: Columns) -> bool:
 
 @kernel
 def look(
-    state: Float,  # [S] changed
-    i: int,  # index of the robot
-    layout: Float,  # [M, 8] obstacles
-    middles: Double,  # [C, 2] of the squares, m
-    sight_range: float,  # m
-    columns: Columns,  # of the state
+    state: Float, i: int, layout: Float, middles: Double, sight_range: float, columns: Columns
 ) -> tuple[int, int]:
     """Adds what robot i sees to its memory; returns how many victims and squares are new to it."""
     x, y = float(state[N_COLUMNS * i]), float(state[N_COLUMNS * i + 1])
@@ -131,14 +126,12 @@ def look(
 
 @kernel
 def close_cells(
-    state: Float,  # [S] changed
-    layout: Float,  # [M, 8] obstacles
-    middles: Double,  # [C, 2] of the squares, m
-    half: Double,  # [2] half width and half height of the arena, m
-    radius: float,  # of the largest robot, m
-    columns: Columns,  # of the state
+    state: Float, layout: Float, middles: Double, half: Double, radius: float, columns: Columns
 ) -> None:
-    """Counts squares whose middle no robot can reach as searched by every robot."""
+    """Counts squares whose middle no robot can reach as searched by every robot.
+
+    `radius`: of the largest robot, m.
+    """
     for c in range(columns.n_cells):
         free = clearance(middles[c, 0], middles[c, 1], layout, half)
         if free < radius + MIDDLE_CLEARANCE:
@@ -148,15 +141,12 @@ def close_cells(
 
 @kernel
 def find_unsearched(
-    state: Float,  # [S]
-    i: int,  # index of the robot
-    x: float,  # m
-    y: float,  # m
-    middles: Double,  # [C, 2] of the squares, m
-    columns: Columns,  # of the state
-    out: Int,  # [K] the nearest first, written
+    state: Float, i: int, x: float, y: float, middles: Double, columns: Columns, out: Int
 ) -> int:
-    """Writes the squares nearest to (x, y) that robot i has not searched; returns how many."""
+    """Writes the squares nearest to (x, y) that robot i has not searched; returns how many.
+
+    `x`: m. `y`: m. `out`: [K] the nearest first, written.
+    """
     count, distances = 0, np.empty(out.shape[0])
     for c in range(columns.n_cells):
         if state[columns.searched + columns.n_cells * i + c] > 0.0:

@@ -98,17 +98,20 @@ def aim_at_victims(state: Float, half: Double, columns: Columns) -> None:
 
 @kernel
 def start_searches(
-    seeds: Seeds,  # [len(copies)] episode seeds
-    copies: Int,  # rows to write
-    plan: SpawnPlan,  # of the spec
-    victim_radii: Double,  # [K] radius that each victim's place needs, m
-    middles: Double,  # [C, 2] of the squares, m
-    sight_range: float,  # m
-    columns: Columns,  # of the states
-    layouts: Float,  # [E, M, 8] written
-    states: Float,  # [E, S] written
+    seeds: Seeds,
+    copies: Int,
+    plan: SpawnPlan,
+    victim_radii: Double,
+    middles: Double,
+    sight_range: float,
+    columns: Columns,
+    layouts: Float,
+    states: Float,
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
+
+    `victim_radii`: [K] radius that each victim's place needs, m.
+    """
     n, state = plan.radii.shape[0], np.empty(1, np.uint64)
     for c in range(copies.shape[0]):
         row, layout = states[copies[c]], layouts[copies[c]]
@@ -155,16 +158,16 @@ def approach(old: Float, new: Float, i: int, columns: Columns) -> float:
 
 @kernel
 def serve_searches(
-    before: Float,  # [E, S] states before the step
-    after: Float,  # states after the step; targets and extras, as before it, are updated
-    layouts: Float,  # [E, M, 8]
-    active: Bool,  # [E]
-    middles: Double,  # [C, 2] of the squares, m
-    half: Double,  # [2] half width and half height of the arena, m
-    rules: tuple[float, float, int],  # sight range, m; goal radius, m; helpers
-    columns: Columns,  # of the states
-    terms: Float,  # [E, N, R] progress, sighting, searched, rescue and time are written
-    solved: Bool,  # [E] written
+    before: Float,
+    after: Float,
+    layouts: Float,
+    active: Bool,
+    middles: Double,
+    half: Double,
+    rules: tuple[float, float, int],
+    columns: Columns,
+    terms: Float,
+    solved: Bool,
 ) -> None:
     """Lets robots look and rescue in the active copies, and scores the step."""
     sight_range, goal_radius, helpers = rules

@@ -76,15 +76,18 @@ def pursuit_of(spec: TaskSpec) -> TaskSpec:
 
 @kernel
 def score_tags(
-    before: Float,  # [E, S] states before the step
-    after: Float,  # states after the step; targets are updated
-    active: Bool,  # [E]
-    capture_radius: float,  # m
-    captors: int,  # pursuers that capture
-    terms: Float,  # [E, N, R] progress, capture and time are written
-    solved: Bool,  # [E] written
+    before: Float,
+    after: Float,
+    active: Bool,
+    capture_radius: float,
+    captors: int,
+    terms: Float,
+    solved: Bool,
 ) -> None:
-    """Captures evaders in the active copies, sets targets, and scores the step."""
+    """Captures evaders in the active copies, sets targets, and scores the step.
+
+    `captors`: pursuers that capture.
+    """
     last = terms.shape[1] - 1
     for b in range(before.shape[0]):
         if not active[b]:

@@ -39,10 +39,7 @@ def payload_radius(payload: Payload) -> float:
 def place_row(body: Float, shape: Shape, row: Float) -> None:
     """Writes the payload as a row of a layout.
 
-    Args:
-        body: columns `state_layout.BODY`, [7].
-        shape: of the payload.
-        row: written, columns `geometry.OBSTACLE`, [8].
+    `row`: written, columns `geometry.OBSTACLE`, [8].
     """
     row[0], row[5], row[6] = shape
     row[1], row[2], row[3], row[4], row[7] = body[0], body[1], body[4], body[5], 0.0
@@ -65,9 +62,7 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
     Exact while the overlap is shallow: of two convex shapes that are apart or just touch, one of
     the nearest points is a corner, or lies on a circle, whose centre is tested instead.
 
-    Args:
-        row: the payload, from `place_row`, [8].
-        obstacle: columns `geometry.OBSTACLE`, [8].
+    `row`: the payload, from `place_row`, [8]. `obstacle`: columns `geometry.OBSTACLE`, [8].
     """
     if row[0] == CIRCLE:
         return max(
@@ -90,10 +85,8 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
 def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
     """Gap (m) between a payload and a wall; negative if the payload is in the wall.
 
-    Args:
-        row: the payload, from `place_row`, [8].
-        half: half width and half height of the arena, m, [2].
-        wall: number of the wall, as in `geometry.wall_gap`.
+    `row`: the payload, from `place_row`, [8]. `wall`: number of the wall, as in
+    `geometry.wall_gap`.
     """
     if row[0] == CIRCLE:
         return wall_gap(np.float64(row[1]), np.float64(row[2]), half, wall) - np.float64(row[5])
@@ -110,11 +103,7 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
 
     A contact begins at a gap of at most `CONTACT_GAP` and ends beyond twice that.
 
-    Args:
-        bodies: the payload in every state, columns `state_layout.BODY`, [T + 1, 7].
-        shape: of the payload.
-        layout: obstacles, [M, 8].
-        half: half width and half height of the arena, m, [2].
+    `bodies`: the payload in every state, columns `state_layout.BODY`, [T + 1, 7].
     """
     n_obstacles = layout.shape[0]
     touching = np.zeros(n_obstacles + 4, dtype=np.bool_)
@@ -142,11 +131,7 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
 def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
     """Counts the robots in contact with the payload, summed over all states.
 
-    Args:
-        positions: m, [T, N, 2].
-        radii: m, [N].
-        bodies: columns `state_layout.BODY`, [T, 7].
-        shape: of the payload.
+    `positions`: m, [T, N, 2]. `bodies`: columns `state_layout.BODY`, [T, 7].
     """
     row = np.empty(8, dtype=np.float32)
     count = 0

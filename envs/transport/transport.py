@@ -90,9 +90,7 @@ ANY_ANGLE_SINE = 2.0
 def goal_error(state: Float, first: int) -> tuple[float, float]:
     """Distance from the payload's centre to its goal (m), and sine of the angle between their axes.
 
-    Args:
-        state: [S].
-        first: index of the payload's first column.
+    `first`: index of the payload's first column.
     """
     dx = np.float64(state[TX]) - np.float64(state[first])
     dy = np.float64(state[TY]) - np.float64(state[first + 1])
@@ -105,16 +103,18 @@ def goal_error(state: Float, first: int) -> tuple[float, float]:
 
 @kernel
 def score_transport(
-    before: Float,  # [E, S] states before the step
-    after: Float,  # [E, S] states after the step
-    active: Bool,  # [E]
-    shape: Shape,  # of the payload
-    goal: tuple[float, float],  # radius, m, and largest sine of the angle. A plain tuple, as
-    # `Shape`
-    terms: Float,  # [E, N, R] progress, turn progress, approach and time are written
-    solved: Bool,  # [E] written
+    before: Float,
+    after: Float,
+    active: Bool,
+    shape: Shape,
+    goal: tuple[float, float],
+    terms: Float,
+    solved: Bool,
 ) -> None:
-    """Writes the task's own terms of the active copies, and whether they have solved the task."""
+    """Writes the task's own terms of the active copies, and whether they have solved the task.
+
+    `goal`: radius, m, and largest sine of the angle. A plain tuple, as `Shape`.
+    """
     goal_radius, max_sine = goal
     n = terms.shape[1]
     first = N_COLUMNS * n
@@ -140,12 +140,8 @@ def score_transport(
 def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Double) -> None:
     """Writes the closeness vectors of the obstacles around a payload, nearest first.
 
-    Args:
-        x: of the payload's centre, m.
-        y: of the payload's centre, m.
-        radius: of its bounding circle, m.
-        layout: obstacles, [M, 8].
-        out: written, [N_AROUND, 2].
+    `x`: of the payload's centre, m. `y`: of the payload's centre, m. `radius`: of its bounding
+    circle, m. `out`: written, [N_AROUND, 2].
     """
     distances = np.full(N_NEAR_OBSTACLES, np.inf)
     out[:] = 0.0
@@ -166,13 +162,12 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
 
 @kernel
 def write_transport_features(
-    states: Float,  # [E, S]
-    layouts: Float,  # [E, M, 8] obstacles
-    active: Bool,  # [E]
-    shape: Shape,  # of the payload
-    out: Float,  # [E, N, F] written
+    states: Float, layouts: Float, active: Bool, shape: Shape, out: Float
 ) -> None:
-    """Writes the task's features of every robot in the active copies."""
+    """Writes the task's features of every robot in the active copies.
+
+    `out`: [E, N, F] written.
+    """
     kind, half_length, half_width = shape
     n, is_box = out.shape[1], kind == BOX
     first = N_COLUMNS * n

@@ -32,15 +32,19 @@ def _draw_direction(bits: np.uint64, out: Float) -> None:
 
 @kernel
 def _place(
-    state: Seeds,  # [1] of the generator
-    plan: SpawnPlan,  # of the spec
-    radius: Double,  # [1] of the payload's bounding circle, m
-    room: float,  # free distance around the payload's start, m
-    layout: Float,  # [M, 8] written
-    robots: Float,  # [N, 8] written, columns `state_layout.ROBOT`
-    body: Float,  # [7] written
+    state: Seeds,
+    plan: SpawnPlan,
+    radius: Double,
+    room: float,
+    layout: Float,
+    robots: Float,
+    body: Float,
 ) -> bool:
-    """Draws obstacles, the payload and its goal, then the robots; False if one found no place."""
+    """Draws obstacles, the payload and its goal, then the robots; False if one found no place.
+
+    `radius`: [1] of the payload's bounding circle, m. `room`: free distance around the payload's
+    start, m. `robots`: [N, 8] written, columns `state_layout.ROBOT`.
+    """
     if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
         return False
     start, goal = np.zeros((1, 2), np.float32), np.zeros((1, 2), np.float32)
@@ -65,15 +69,19 @@ def _place(
 
 @kernel
 def draw_episodes(
-    seeds: Seeds,  # [len(copies)] episode seeds
-    copies: Int,  # rows to write
-    plan: SpawnPlan,  # of the spec
-    payload_radius: float,  # radius of the payload's bounding circle, m
-    room: float,  # free distance around the payload's start, m
-    layouts: Float,  # [E, M, 8] written
-    states: Float,  # [E, S] written
+    seeds: Seeds,
+    copies: Int,
+    plan: SpawnPlan,
+    payload_radius: float,
+    room: float,
+    layouts: Float,
+    states: Float,
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
+
+    `payload_radius`: radius of the payload's bounding circle, m. `room`: free distance around the
+    payload's start, m.
+    """
     n = plan.radii.shape[0]
     first = N_COLUMNS * n
     generator, radius = np.empty(1, np.uint64), np.full(1, payload_radius)

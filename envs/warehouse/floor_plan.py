@@ -139,9 +139,7 @@ def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) ->
 def corridor(y: float, rows: Double) -> int:
     """Returns the corridor at a height: 0 for the front, k for aisle k, -1 beside shelves.
 
-    Args:
-        y: m.
-        rows: of the plan, [3].
+    `y`: m.
     """
     up = y - rows[FIRST]
     if up < 0.0:
@@ -171,14 +169,13 @@ def best_lane(x: float, target_x: float, lanes: Double) -> int:
 
 @kernel(inline="always")
 def shortest_path_length(
-    x: float,  # start, m; not in a shelf
-    y: float,  # start, m
-    target_x: float,  # m; in a corridor, as all places are
-    target_y: float,  # m
-    lanes: Double,  # [L, 2] of the plan
-    rows: Double,  # [3] of the plan
+    x: float, y: float, target_x: float, target_y: float, lanes: Double, rows: Double
 ) -> float:
-    """Length of the shortest path along the axes that crosses no shelf, m."""
+    """Length of the shortest path along the axes that crosses no shelf, m.
+
+    `x`: start, m; not in a shelf. `y`: start, m. `target_x`: m; in a corridor, as all places are.
+    `target_y`: m.
+    """
     direct = abs(target_x - x) + abs(target_y - y)
     if corridor(y, rows) == corridor(target_y, rows):
         return direct
@@ -188,14 +185,14 @@ def shortest_path_length(
 
 @kernel(inline="always")
 def next_corner(
-    x: float,  # m; with noise, a robot may believe that it is outside the arena
-    y: float,  # m; the same; beyond the last aisle counts as in the last aisle
-    target: tuple[float, float],  # m; in a corridor
-    lanes: Double,  # [L, 2] of the plan
-    rows: Double,  # [3] of the plan
-    middles: Double,  # [aisles + 1] of the plan
+    x: float, y: float, target: tuple[float, float], lanes: Double, rows: Double, middles: Double
 ) -> tuple[float, float]:
-    """Returns the point to drive to next: the target, or the middle of a crossing before it."""
+    """Returns the point to drive to next: the target, or the middle of a crossing before it.
+
+    `x`: m; with noise, a robot may believe that it is outside the arena. `y`: m; the same; beyond
+    the last aisle counts as in the last aisle. `target`: m; in a corridor. `middles`: [aisles + 1]
+    of the plan.
+    """
     start = min(corridor(y, rows), middles.shape[0] - 1)
     end = corridor(target[1], rows)
     if start == end:

@@ -170,16 +170,19 @@ def is_apart(row: Float, layout: Float, m: int, gap: float) -> bool:
 
 @kernel
 def place_points(
-    state: Seeds,  # [1] of the generator
-    layout: Float,  # [M, 8]
-    half: Double,  # [2] half width and half height of the arena, m
-    radii: Double,  # [N] m
-    spacing: Spacing,  # distances to keep
-    points: Float,  # [N, 2] written
-    far: Float,  # [N, 2] the point that each robot's must stay away from
-    min_distance: float,  # distance to that point, m
+    state: Seeds,
+    layout: Float,
+    half: Double,
+    radii: Double,
+    spacing: Spacing,
+    points: Float,
+    far: Float,
+    min_distance: float,
 ) -> bool:
     """Draws one point per robot, clear of obstacles and of each other, and away from `far`.
+
+    `points`: [N, 2] written. `far`: [N, 2] the point that each robot's must stay away from.
+    `min_distance`: distance to that point, m.
 
     Returns:
         Whether every robot found a place.
@@ -214,16 +217,21 @@ def is_free_place(
 
 @kernel
 def place_all(
-    state: Seeds,  # [1] of the generator
-    plan: SpawnPlan,  # of the spec
-    layout: Float,  # [M, 8] written
-    starts: Float,  # [N, 2] of the robots, written
-    goal_radii: Double,  # [K] room that each goal needs, m
-    goals: Float,  # [K, 2] written
-    far: Float,  # [K, 2] the point that each goal must stay away from
-    min_distance: float,  # distance to that point, m
+    state: Seeds,
+    plan: SpawnPlan,
+    layout: Float,
+    starts: Float,
+    goal_radii: Double,
+    goals: Float,
+    far: Float,
+    min_distance: float,
 ) -> bool:
-    """Draws obstacles, starts and goals together; returns False if no attempt placed all."""
+    """Draws obstacles, starts and goals together; returns False if no attempt placed all.
+
+    `starts`: [N, 2] of the robots, written. `goal_radii`: [K] room that each goal needs, m.
+    `goals`: [K, 2] written. `far`: [K, 2] the point that each goal must stay away from.
+    `min_distance`: distance to that point, m.
+    """
     for _ in range(plan.max_attempts):
         if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
             continue

@@ -366,19 +366,25 @@ class StepMaker:
 
 @kernel
 def clear_copies(
-    copies: Int,  # [C] rows
-    new_seeds: Seeds,  # [C] of the episodes
-    seeds: Seeds,  # [E] written
-    times: Int,  # [E] written: 0
-    rewards: Float,  # [E, N] written: 0
-    terms: Float,  # [E, N, R] written: 0
-    events: Counts,  # [E, N, 4] written: 0
-    terminations: Bool,  # [E] written: false
-    truncations: Bool,  # [E] written: false
-    successes: Bool,  # [E] written: false
-    fresh: Bool,  # [E] written: true
+    copies: Int,
+    new_seeds: Seeds,
+    seeds: Seeds,
+    times: Int,
+    rewards: Float,
+    terms: Float,
+    events: Counts,
+    terminations: Bool,
+    truncations: Bool,
+    successes: Bool,
+    fresh: Bool,
 ) -> None:
-    """Writes the fields of a step that say nothing yet in copies where an episode begins."""
+    """Writes the fields of a step that say nothing yet in copies where an episode begins.
+
+    `new_seeds`: [C] of the episodes. `seeds`: [E] written. `times`: [E] written: 0. `rewards`: [E,
+    N] written: 0. `terms`: [E, N, R] written: 0. `events`: [E, N, 4] written: 0. `terminations`:
+    [E] written: false. `truncations`: [E] written: false. `successes`: [E] written: false. `fresh`:
+    [E] written: true.
+    """
     for row in range(copies.shape[0]):
         b = copies[row]
         seeds[b], times[b], fresh[b] = new_seeds[row], 0, True

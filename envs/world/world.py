@@ -83,18 +83,21 @@ def _near_static_gap(px: float, py: float, radius: float, layout: Float, half: D
 
 @kernel(error_model="numpy")
 def proximities(
-    state: Float,  # [S]
-    layout: Float,  # [M, 8]
-    radii: Double,  # [N] m
-    half: Double,  # [2] half width and half height of the arena, m
-    slack: Double,  # [N, 3] `backend.Contacts.slack` of this copy; where it tells that nothing
-    # static is near, obstacles and walls are not looked at
-    places: Float,  # [3, N] scratch: positions and radii
-    out: Double,  # [N] written
+    state: Float,
+    layout: Float,
+    radii: Double,
+    half: Double,
+    slack: Double,
+    places: Float,
+    out: Double,
 ) -> None:
     """Writes the proximity of each robot in one copy: 0 far from everything, 1 in contact.
 
     This is clip(1 - gap / PROXIMITY_RANGE, 0, 1) of the smallest gap to a robot, obstacle or wall.
+
+    `slack`: [N, 3] `backend.Contacts.slack` of this copy; where it tells that nothing static is
+    near, obstacles and walls are not looked at. `places`: [3, N] scratch: positions and radii.
+    `out`: [N] written.
     """
     for i in range(radii.shape[0]):
         px, py = state[N_COLUMNS * i], state[N_COLUMNS * i + 1]
@@ -128,21 +131,25 @@ SCORING = bundle_type(Scoring)
 
 @kernel
 def score_steps(
-    packed: Int,  # `Scoring`, of an `ArgumentBlock`
-    states: Float,  # [E, S] after the step
-    layouts: Float,  # [E, M, 8]
-    events: Counts,  # [E, N, 4] of the step
-    times: Int,  # [E] control steps taken, this one included
-    terms: Float,  # [E, N, R] the task's own are read, the last six, `rewards.reward_terms`,
-    # written
-    rewards: Float,  # [E, N] written
-    terminations: Bool,  # [E] written
-    truncations: Bool,  # [E] written
-    successes: Bool,  # [E] written
+    packed: Int,
+    states: Float,
+    layouts: Float,
+    events: Counts,
+    times: Int,
+    terms: Float,
+    rewards: Float,
+    terminations: Bool,
+    truncations: Bool,
+    successes: Bool,
 ) -> None:
     """Writes the shared terms and the rewards of the active copies, and decides whether they end.
 
     The terms and rewards of the other copies are 0, and their flags stay.
+
+    `packed`: `Scoring`, of an `ArgumentBlock`. `states`: [E, S] after the step. `events`: [E, N, 4]
+    of the step. `terms`: [E, N, R] the task's own are read, the last six, `rewards.reward_terms`,
+    written. `rewards`: [E, N] written. `terminations`: [E] written. `truncations`: [E] written.
+    `successes`: [E] written.
     """
     radii, half, weights, team_share, bounds, is_fatal, horizon, solved, slack, active = unpack(
         packed, SCORING
@@ -172,15 +179,19 @@ def score_steps(
 
 @kernel
 def begin_worlds(
-    copies: Int,  # [C] rows
-    states: Float,  # [E, S]
-    touching: Bool,  # [E, N, N] cleared
-    static: Bool,  # [E, N, M + 4] cleared
-    slack: Double,  # [E, N, 3] cleared
-    robots: Double,  # [C, N, 6] written
-    bodies: Double,  # [C, K, 7] written
+    copies: Int,
+    states: Float,
+    touching: Bool,
+    static: Bool,
+    slack: Double,
+    robots: Double,
+    bodies: Double,
 ) -> None:
-    """Ends the contacts of some copies, and reads what moves in them from their states."""
+    """Ends the contacts of some copies, and reads what moves in them from their states.
+
+    `touching`: [E, N, N] cleared. `static`: [E, N, M + 4] cleared. `slack`: [E, N, 3] cleared.
+    `robots`: [C, N, 6] written. `bodies`: [C, K, 7] written.
+    """
     first = N_COLUMNS * robots.shape[1]
     for row in range(copies.shape[0]):
         b = copies[row]
