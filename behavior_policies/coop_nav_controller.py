@@ -1,14 +1,10 @@
 """The scripted controller of `coop_nav`: navigation, assignment of goals, and turns at a doorway.
 
-Robots drive to their goals (`navigator`). Unassigned goals are assigned once, at the reset. At a
-doorway that one robot fits through at a time, robots that meet in it would wait for each other for
-ever. So the left team goes first, and the right team stays where it is and makes room until every
-robot of the left team is through.
-
-Teams can follow a convention, a rule that coordinates a team only if all of its robots keep it. In
-lanes, robots that `keep-right` take the lane on their right, those that `keep-left` the other one;
-they keep right unless another is given. Of unassigned goals, robot i takes the i-th from the left
-(`by-x`), or from the bottom (`by-y`).
+Unassigned goals are assigned once, at the reset. At a doorway that one robot fits through at a
+time, the left team goes first, and the right team makes room until all of it is through. Teams can
+follow a convention, which coordinates a team only if all of its robots keep it: a lane on their
+right (`keep-right`, the default) or left; robot i takes the i-th goal from the left (`by-x`) or
+from the bottom (`by-y`).
 """
 
 import numpy as np
@@ -34,13 +30,10 @@ from swarmdata.types import Double, Float, Int, Step
 def assign_goals(
     states: Float, copies: Int, n: int, work: Double, places: Int, out: Double
 ) -> None:
-    """Writes the goal of each robot in the assignment with the least sum of squared distances.
+    """Writes the goal of each robot, m, [E, N, 2]: the assignment with the least sum of squares.
 
-    The squares keep any robot from having much farther to go than the others: the last robot to
-    arrive decides when all goals are covered.
-
-    `work`: scratch of `assignment.assign`. `places`: scratch of `assignment.assign`; its first row
-    gets the goals of the robots. `out`: written, m, [E, N, 2].
+    The squares of the distances keep any robot from having much farther to go than the others: the
+    last to arrive decides. `work` and `places` are the memory of `assignment.assign`.
     """
     costs = np.empty((n, n))
     for b in copies:
@@ -55,11 +48,10 @@ def assign_goals(
 
 
 def turns_at_door(robots: Float, through: float) -> Double:
-    """Returns targets of two teams that swap sides: the right team waits for the left, [E, N, 2].
+    """Targets of two teams that swap sides, [E, N, 2]: the right one waits for the left, even one.
 
-    Args:
-        robots: columns `state_layout.ROBOT`, [E, N, 8]; even robots start on the left.
-        through: x beyond which a robot of the left team is through the door, m.
+    `robots`: columns `state_layout.ROBOT`, [E, N, 8]. `through`: x (m) beyond which a robot of the
+    left team is through the door.
     """
     targets = robots[..., [TX, TY]].astype(np.float64)
     waits = robots[:, ::2, X].min(axis=1) <= through
@@ -74,8 +66,7 @@ class CoopNavController(Scripted):
     Args:
         spec: a spec of `coop_nav`.
         noise: standard deviation of the Gaussian noise on each command.
-        convention: that all robots follow; None: goals are assigned, lanes are
-            taken on the right.
+        convention: that all robots follow; None: goals are assigned, lanes are taken on the right.
 
     Raises:
         SpecError: the spec is another task's, `noise` is not a standard deviation, or the task has
@@ -124,11 +115,7 @@ PAST_LANE = 0.5
 
 
 def check_convention(spec: TaskSpec, convention: str | None) -> str | None:
-    """Returns `convention` if the task has it.
-
-    Raises:
-        SpecError: it has not.
-    """
+    """Returns `convention` if the task has it; else raises a `SpecError`."""
     known = spec.rules.conventions
     if convention is not None and convention not in known:
         raise SpecError(
@@ -138,15 +125,10 @@ def check_convention(spec: TaskSpec, convention: str | None) -> str | None:
 
 
 def lane_targets(robots: Float, lanes: Lanes, convention: str) -> Double:
-    """Returns the points that robots aim at, [E, N, 2].
+    """Points that robots [E, N, 8] aim at, [E, N, 2]; even robots start on the left.
 
     They are the middle of its lane for a robot before it, then a point beyond the lane's end, then
-    the robot's goal.
-
-    Args:
-        robots: columns `state_layout.ROBOT`, [E, N, 8]; even robots start on the left.
-        lanes: the arrangement.
-        convention: one of `LANE_CONVENTIONS`.
+    the robot's goal. `convention` is one of `LANE_CONVENTIONS`.
     """
     targets = robots[..., [TX, TY]].astype(np.float64)
     heading = np.where(np.arange(robots.shape[1]) % 2 == 0, 1.0, -1.0)
@@ -160,9 +142,9 @@ def lane_targets(robots: Float, lanes: Lanes, convention: str) -> Double:
 
 @kernel
 def order_goals(states: Float, copies: Int, n: int, axis: int, out: Double) -> None:
-    """Writes the goal of each robot: robot i takes the i-th along an axis, ties by their numbers.
+    """Writes the goal of each robot, m, [E, N, 2]: robot i takes the i-th along x (0) or y (1).
 
-    `axis`: 0 for x, 1 for y. `out`: written, m, [E, N, 2].
+    Of goals with the same coordinate, the one with the lower number comes first.
     """
     for b in copies:
         for k in range(n):

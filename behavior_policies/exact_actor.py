@@ -1,18 +1,11 @@
 """Feed-forward actors, evaluated exactly: the same bits from every BLAS kernel.
 
-Floating-point sums depend on their order, and every BLAS kernel, thread count and batch size has
-its own. Here no sum is ever rounded, so the order cannot matter:
-
-- Weights and biases are multiples of 2^-12 with |w| <= 8: at most 2^15 grid steps.
-- Inputs and hidden activations are multiples of 2^-12, clipped to |x| <= 64: at most 2^18 steps.
-- A product is a multiple of 2^-24 of at most 2^33 steps. A sum of n products and a bias (at most
-  2^27 of these steps) is below n * 2^33 + 2^27 < (n + 1) * 2^33.
-- float64 holds every multiple of 2^-24 below 2^53 steps. With n <= `MAX_WIDTH` = 4096 a partial
-  sum, in any order, fused or not, is below 2^46 steps: exact, with 7 bits to spare.
-
-Everything between the products (rotation, normalisation, ReLU, tanh, clipping, rounding, noise) is
-elementwise IEEE arithmetic, the same everywhere. The assumptions of the proof are checked when a
-file is loaded. A kernel may return a zero of either sign; adding +0 makes it +0.
+No sum is ever rounded, so its order, which differs between kernels, thread counts and batches,
+cannot matter. Weights and biases are multiples of 2^-12 of at most 2^15 steps, activations are
+clipped to 2^18 such steps: a product is a multiple of 2^-24 of at most 2^33 steps, and a sum of
+n <= `MAX_WIDTH` = 4096 of them and a bias is below 2^46, where float64 is exact up to 2^53. All
+between the products is elementwise IEEE arithmetic. A kernel may return a zero of either sign;
+adding +0 makes it +0. Loading a file checks these assumptions.
 """
 
 from collections.abc import Sequence
@@ -111,9 +104,9 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
 
     The tensors are `input.mean` and `input.scale` [O], and for each layer, from 0,
     `layers.0.weight` [in, out] and `layers.0.bias` [out]. The first layer takes O values, or O + N
-    with the one-hot index of the robot appended. An actor with a frame also has `frame.anchor` [1],
-    `frame.vectors` [V], `frame.closing` [C, 2] and perhaps `frame.heard` [H, 3], and `frame.body`
-    or `frame.mixed` if there are unicycles; O then counts the features that its frame adds.
+    with the one-hot index of the robot. An actor with a frame also has `FRAME_TENSORS` [1], [V] and
+    [C, 2], perhaps `frame.heard` [H, 3], and `frame.body` or `frame.mixed` if there are unicycles;
+    O then counts the features that its frame adds.
 
     Raises:
         CheckpointError: the file is not an actor, or is outside the bounds of exact inference.

@@ -1,9 +1,7 @@
 """The scripted controller of `formation`: robots follow their slots, around obstacles.
 
-Each robot aims at its slot and adds the slot's velocity to its own, so that it does not lag behind
-(feed-forward). Where its slot is blocked, it looks along the slot's path, which it knows from the
-reference's path, for the next free position. It drives there, around the obstacle, so that it is in
-the slot when the slot comes out.
+Each robot aims at its slot and adds the slot's velocity, so that it does not lag behind. Where the
+slot is blocked, it drives to the next free position on the slot's path, and awaits it there.
 """
 
 from typing import NamedTuple, Self
@@ -58,7 +56,7 @@ def next_free_position(
     need: float,
     layout: Float,
 ) -> tuple[bool, float, float]:
-    """Returns whether a slot's path has a free position, and the first one.
+    """Whether a slot's path has a free position ahead, and the first one.
 
     `slot`: its position in the reference's frame, m. `segment`: of the path, from its start until
     now. `need`: clearance of a free position, m.
@@ -81,10 +79,7 @@ def next_free_position(
 def aim_at_slots(
     states: Float, times: Int, layouts: Float, paths: SlotPaths, targets: Double, drifts: Double
 ) -> None:
-    """Writes the targets of the robots of all copies, and the velocities of these targets.
-
-    `targets`: written, m, [E, N, 2]. `drifts`: written, m/s, [E, N, 2].
-    """
+    """Writes the robots' targets, m, and the velocities of these, m/s, both [E, N, 2]."""
     n = paths.radii.shape[0]
     at = N_COLUMNS * n
     for b in range(states.shape[0]):
@@ -109,15 +104,8 @@ def aim_at_slots(
 class FormationController(Scripted):
     """Drives every robot to its slot, or to the next free position on the slot's path.
 
-    It knows more than the robots observe: the map (`step.layouts`), the positions and velocities of
-    all robots and the whole path of the reference (`step.states`). It sends no messages.
-
-    Args:
-        spec: a spec of `formation`.
-        noise: standard deviation of the Gaussian noise on each command.
-
-    Raises:
-        SpecError: the spec is another task's, or `noise` is not a standard deviation.
+    It knows the map, all robots and the whole path of the reference. It sends no messages.
+    Arguments and errors are those of `Scripted`; a spec of another task is refused too.
     """
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:

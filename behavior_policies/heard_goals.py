@@ -1,7 +1,6 @@
 """What robots hear of each other's places and targets, in the world's frame.
 
-Messages hold them with payload `pose_and_goal`. With any other, or without messages, robots hear
-nothing.
+That is in messages with payload `pose_and_goal`; with any other, they hear nothing.
 """
 
 import numpy as np

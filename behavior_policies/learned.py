@@ -16,8 +16,7 @@ class Learned:
     """A trained actor from a checkpoint file, with optional Gaussian action noise.
 
     Args:
-        spec: the task; its number of robots must be what the actor was trained for if the actor
-            takes a one-hot robot index.
+        spec: the task; with as many robots as the actor was trained for if it takes their index.
         checkpoint: name of a file in the package's `behavior_policies/checkpoints` or in those of
             the dataset, or the path of any other checkpoint.
         sha256: of that file, hex.

@@ -16,13 +16,7 @@ def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
     """Returns independent 64-bit values for every copy, robot and value, [E, N, n_values].
 
     They are a function of `step.seeds` and `step.times` alone, so an episode draws the same values
-    in any batch.
-
-    Args:
-        step: the current step; its `seeds` and `times` are read.
-        stream: a name in `random.STREAMS`.
-        n_agents: N.
-        n_values: number of values that each robot needs in one step.
+    in any batch. `stream` is a name in `random.STREAMS`.
     """
     agents = np.arange(n_agents, dtype=np.uint64)[:, None]
     values = np.arange(n_values, dtype=np.uint64)
@@ -31,11 +25,7 @@ def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
 
 
 def check_noise(noise: float) -> float:
-    """Returns `noise` as a float if it is a standard deviation.
-
-    Raises:
-        SpecError: it is negative, infinite or NaN.
-    """
+    """Returns `noise` as a float if it is a standard deviation; else raises a `SpecError`."""
     if not 0.0 <= noise < float("inf"):
         raise SpecError(
             f"action noise is {noise!r}, expected a finite standard deviation >= 0. "
@@ -45,13 +35,7 @@ def check_noise(noise: float) -> float:
 
 
 def add_noise(actions: Double, step: Step, noise: float) -> Double:
-    """Returns `actions` plus Gaussian noise, clipped to [-1, 1], [E, N, A].
-
-    Args:
-        actions: mean actions, [E, N, A].
-        step: the step for which the actions are.
-        noise: standard deviation; 0 only clips.
-    """
+    """Returns mean actions plus Gaussian noise of this deviation, clipped to [-1, 1], [E, N, A]."""
     if noise > 0.0:
         _, n_agents, size = actions.shape
         actions = actions + noise * normal(counters(step, "noise", n_agents, size))

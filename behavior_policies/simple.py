@@ -52,8 +52,7 @@ class Random:
 class Straight(Controller):
     """Every robot drives straight to its target and brakes near it; it avoids nothing.
 
-    It reads positions and targets from `step.states`, so that it is the same policy with every
-    observation model. A unicycle turns towards its target while it drives.
+    It reads `step.states`, so that it is the same policy with every observation model.
     """
 
     has_memory = False
@@ -79,11 +78,7 @@ class Straight(Controller):
 
 @kernel
 def _track(robots: Double, wishes: Double, limits: Double, dt: float, commands: Double) -> None:
-    """Replaces the commands of robots that are not holonomic robots with velocity commands.
-
-    `robots`: columns `state_layout.ROBOT`, [E, N, 8]. `wishes`: velocities, m/s, [E, N, 2].
-    `commands`: written, [E, N, 2].
-    """
+    """Replaces commands of all but holonomic robots with velocity commands, by wishes (m/s)."""
     no_planes = np.empty((0, 4))
     for b in range(robots.shape[0]):
         for i in range(robots.shape[1]):
@@ -94,9 +89,6 @@ def _track(robots: Double, wishes: Double, limits: Double, dt: float, commands: 
 
 
 def clip_norm(vectors: Double) -> Double:
-    """Returns planar vectors with longer ones shortened to length 1, [..., 2].
-
-    Only `+ * /` and `sqrt` are used, so that the bits are the same on every platform.
-    """
+    """Returns planar vectors with longer ones shortened to length 1, [..., 2]."""
     squares = vectors[..., 0:1] * vectors[..., 0:1] + vectors[..., 1:2] * vectors[..., 1:2]
     return vectors / np.maximum(1.0, np.sqrt(squares))

@@ -50,8 +50,7 @@ def out_of_band(
         family: a preset's name.
         figures: mean of each metric over the reserved episodes, without noise, of the policies
             `idle`, `random`, `scripted`, `medium` and `expert`.
-        is_borrowed: whether the policies were selected in another preset, where their success was
-            in the band of mediums, and their return near that of the scripted controller.
+        is_borrowed: whether the policies were selected in another preset, within its bands.
     """
     medium, expert = figures["medium"], figures["expert"]
     low, high = MEDIUM_SUCCESS

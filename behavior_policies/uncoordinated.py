@@ -1,7 +1,4 @@
-"""The scripted team with less coordination: how much worse it is shows what a task needs of a team.
-
-Where a controller assigns something at the reset, such as goals, it does so among all robots.
-"""
+"""The scripted team with less coordination; what is assigned at the reset, is among all robots."""
 
 import numpy as np
 

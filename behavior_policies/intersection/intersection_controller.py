@@ -1,9 +1,6 @@
-"""The controller a traffic engineer would write: lanes, a right of way, and brakes.
+"""The controller of `intersection`: robots steer along their lanes, or halt at their stop lines.
 
-In each step, each robot independently:
-
-1. steers at a point of its lane, or halts at its stop line (`right_of_way`);
-2. takes the safe velocity nearest to that (`traffic`); nobody gives way, since 1 has decided.
+Nobody gives way in `traffic`, since `right_of_way` has decided already.
 """
 
 import math
@@ -26,10 +23,9 @@ from swarmdata.types import Double, Float
 def act_copies(
     all_robots: Double, team: Team, half: Double, layouts: Float, rules: Rules, out: Double
 ) -> None:
-    """Writes the commands of all robots of all copies.
+    """Writes the commands of all robots of all copies, in [-1, 1], [E, N, 2].
 
     `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [E, N, 10].
-    `out`: written, in [-1, 1], [E, N, 2].
     """
     limits, n_robots = team.limits, all_robots.shape[1]
     aims = np.empty((n_robots, 3))
@@ -46,17 +42,9 @@ def act_copies(
 
 
 class IntersectionController(TrafficController):
-    """Drives on the lanes of the arms, first come, first served.
+    """Drives on the lanes of the arms, first come, first served; it knows the robots' schedules.
 
-    Besides what `TrafficController` knows, it knows the schedules of all robots, which a robot
-    could know from messages.
-
-    Args:
-        spec: the task.
-        noise: standard deviation of the Gaussian noise on each command.
-
-    Raises:
-        SpecError: `noise` is not a standard deviation, or the spec is another task's.
+    Arguments and errors are those of `Scripted`; a spec of another task is refused too.
     """
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:

@@ -1,16 +1,10 @@
 """Traffic rules of an intersection: right-hand lanes, and who may enter the middle square.
 
-A robot that crosses keeps to the right-hand lane, a quarter of the arm's width from the middle. Its
-movement is a pair of arms, from and to. Two movements conflict if their paths come closer than two
-robots may. A robot halts at the stop line before the middle square
-
-1. while a robot inside has a movement that conflicts with its own;
-2. while a robot that is nearer to its own stop line, among equals the one with the lower number,
-   has one: first come, first served;
-3. while its exit arm holds as many robots as can stand in one of its lanes.
-
-The robot that is nearest to its stop line waits only for robots inside and for a place in its exit
-arm, and robots inside have both. So robots that keep to the rules do not block each other.
+A movement is a pair of arms, from and to; two conflict if their paths come closer than two robots
+may. A robot halts at the stop line before the middle square while a robot inside has a conflicting
+movement; while one nearer to its own stop line has (first come, first served; of equals the lower
+number); and while its exit arm is full. The robot nearest to its stop line waits for robots inside
+and for a place only, and these move on. So robots that keep to the rules do not block each other.
 """
 
 from typing import NamedTuple, Self
@@ -56,11 +50,7 @@ class Rules(NamedTuple):
 
     @classmethod
     def of(cls, spec: TaskSpec) -> Self:
-        """The rules on the floor of a spec.
-
-        Raises:
-            SpecError: the spec is another task's.
-        """
+        """The rules on the floor of a spec; one of another task raises a `SpecError`."""
         junction, radius = Junction.of(spec), max(robot.radius for robot in spec.robots)
         stop_line = junction.half_width + radius + STOP_GAP
         length = float(np.abs(junction.exits).max(1).min()) - stop_line
@@ -73,10 +63,7 @@ class Rules(NamedTuple):
 
 
 def find_conflicts(junction: Junction, stop_line: float, apart: float) -> Bool:
-    """Which movements come closer than `apart` (m) between their stop lines, [16, 16].
-
-    Robots from the same arm follow each other, and do not conflict.
-    """
+    """Which movements of different arms come closer than `apart` (m), [16, 16]."""
     conflicts = np.zeros((N_ARMS**2, N_ARMS**2), dtype=np.bool_)
     pairs = [(a, b) for a in range(N_ARMS) for b in range(N_ARMS) if a != b]
     paths = {pair: movement_path(junction, stop_line, *pair) for pair in pairs}
@@ -104,7 +91,7 @@ def movement_path(junction: Junction, stop_line: float, start: int, end: int) ->
 
 @kernel
 def movement_of(robot: Double, rules: Rules) -> tuple[int, int, float]:
-    """Returns where a robot is, its movement, and its distance from its stop line, m.
+    """Where a robot is, its movement, and its distance from its stop line, m.
 
     `robot`: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [10].
     """
@@ -120,11 +107,7 @@ def movement_of(robot: Double, rules: Rules) -> tuple[int, int, float]:
 
 @kernel
 def came_from(robot: Double, goal: int, rules: Rules) -> int:
-    """The arm that a robot inside has come from, as far as its position tells.
-
-    On its lane, a robot has come from the arm whose lane it is on, until it is on that of its goal;
-    then it comes from the opposite arm as far as others are concerned.
-    """
+    """The arm whose lane a robot inside is on; once it is on that of its goal, the opposite arm."""
     x, y = robot[0], robot[1]
     to_x, to_y = rules.exits[goal, 0], rules.exits[goal, 1]
     is_across = goal % 2 == 0  # whether it leaves along x

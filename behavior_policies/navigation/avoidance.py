@@ -1,6 +1,8 @@
 """Velocity limits of one robot: half-planes for the surfaces and for the robots near it.
 
-Times and distances are those of the reference robot; `robot_scales` scales them for others.
+Functions write rows of `planes` (`orca`), from row n on if they are given n, and return how many
+rows are written. Times and distances are those of the reference robot, scaled for others by
+`scales`, [N, 2] (`robot_scales`).
 """
 
 import math
@@ -46,14 +48,10 @@ def surface_half_planes(
     time: float = 1.0,
     length: float = 1.0,
 ) -> int:
-    """Writes the velocities with which a robot can still brake before every surface near it.
+    """Writes the velocities with which a robot at (x, y) can still brake before surfaces near it.
 
-    `x`: position, m. `y`: position, m. `primitives`: convex obstacles, [P, 8]. `planes`: written
-    from row 0, at least [P + 4, 4]. `time`: the robot's time scale (`robot_scales`). `length`: its
-    length scale.
-
-    Returns:
-        The number of half-planes written.
+    `primitives`: convex obstacles, [P, 8]. `planes`: at least [P + 4, 4]. `time`, `length`: its
+    scales.
     """
     n = 0
     reach, brake = radius + SURFACE_REACH * length, BRAKING_TIME * time
@@ -80,16 +78,10 @@ def surface_half_planes(
 def stopping_half_planes(i: int, robots: Double, team: Team, n: int, planes: Double) -> int:
     """Writes the velocities with which a unicycle can still stop before every robot near it.
 
-    A unicycle cannot leave sideways, so the correction that `robot_half_planes` asks for may not
-    come in time. Each of a pair may close half of their gap in the time that the slower one needs
-    to stop, so that they never touch if both keep to it; standing still always does. Decentralised
-    barrier certificates (Wang, Ames and Egerstedt, IEEE Transactions on Robotics 33, 2017) with a
-    linear barrier have this form.
-
-    `robots`: columns x and y first, [N, C]. `planes`: written from row n.
-
-    Returns:
-        The number of half-planes written so far.
+    It cannot leave sideways, so the correction that `robot_half_planes` asks for may not come in
+    time. Each of a pair may close half of their gap in the time that the slower one needs to stop.
+    Decentralised barrier certificates (Wang, Ames and Egerstedt, IEEE Transactions on Robotics 33,
+    2017) with a linear barrier have this form.
     """
     for j in range(robots.shape[0]):
         x, y = robots[j, 0] - robots[i, 0], robots[j, 1] - robots[i, 1]
@@ -116,13 +108,7 @@ def brake_half_planes(
 ) -> int:
     """Writes the velocities with which robot i can still brake before every robot near it.
 
-    A robot that drives away allows a higher speed. Zero velocity is always among them, so these
-    limits can be as hard as those of surfaces.
-
-    `robots`: columns x, y, vx, vy first, [N, C]. `planes`: written from row n.
-
-    Returns:
-        The number of half-planes written so far.
+    One that drives away allows a higher speed. Zero velocity is always among them.
     """
     for j in range(robots.shape[0]):
         time, length = pair_scales(i, j, scales)
@@ -151,13 +137,9 @@ def robot_half_planes(
 ) -> int:
     """Writes the velocities of robot i that are safe with the robots near it.
 
-    `robots`: columns x, y, vx, vy first, [N, C]. `aims`: preferred velocity, m/s, and distance to
-    the goal, m, of every robot, [N, 3]. The distances decide who gives way (`gives_way`). `rule`:
-    horizon for which robots avoid each other, s, and gap kept between them, m. `planes`: written
-    from row n.
-
-    Returns:
-        The number of half-planes written so far.
+    `aims`: preferred velocity (m/s) and distance to the goal (m), which decides who gives way, of
+    every robot, [N, 3]. `rule`: horizon for which robots avoid each other, s, and gap kept between
+    them, m.
     """
     velocity, (horizon, gap) = (robots[i, 2], robots[i, 3]), rule
     for j in range(robots.shape[0]):

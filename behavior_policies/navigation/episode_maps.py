@@ -40,16 +40,7 @@ class Maps(NamedTuple):
 
 
 def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
-    """Refuses maps that would fill the memory.
-
-    Args:
-        spec: the task.
-        n_copies: episodes that are mapped at once.
-        n_goals: goals in an episode; paths lead to each of them from every node.
-
-    Raises:
-        SpecError: the maps of one episode, or all of them, are too large.
-    """
+    """Raises a `SpecError` if the maps of so many episodes and goals would fill the memory."""
     rows, columns = grid_shape(spec.arena, NODE_SPACING)
     one = rows * columns * (4 + 8 * n_goals)
     if one > MAX_MAP_BYTES or n_copies * one > MAX_MAPS_BYTES:
@@ -64,10 +55,7 @@ def check_maps(spec: TaskSpec, n_copies: int, n_goals: int) -> None:
 class EpisodeMaps:
     """Keeps the maps of E episodes.
 
-    Args:
-        spec: the task.
-        n_goals: G, goals in an episode.
-        radius: of the largest body that paths are planned for, m.
+    `n_goals`: G, goals in an episode. `radius`: of the largest body that paths are planned for, m.
 
     Raises:
         SpecError: the arena is too large to be mapped.
@@ -100,10 +88,7 @@ class EpisodeMaps:
         )
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`; their paths are planned when they are needed.
-
-        Paths of a layout that is mapped already are kept, and marked as old.
-        """
+        """Maps the layouts of `copies`; paths of those mapped already are kept, as old ones."""
         if len(step.seeds) != len(self._seeds):
             self._allocate(len(step.seeds))
         maps = self._maps
@@ -123,11 +108,7 @@ class EpisodeMaps:
         self._maps.costs[copies, :, 0], self._maps.goals[copies] = UNPLANNED_COST, np.inf
 
     def of(self, step: Step) -> Maps:
-        """Returns the maps of a step's episodes.
-
-        Raises:
-            SchemaError: `reset` was not called for one of them.
-        """
+        """Returns the maps of a step's episodes; raises if `reset` was not called for one."""
         if not (self._is_mapped.all() and np.array_equal(self._seeds, step.seeds)):
             raise SchemaError(
                 "the scripted policy has no map of some episodes of this step. Call "
@@ -140,14 +121,7 @@ N_PRIMITIVES = {CIRCLE: 1, BOX: 1, CORNER: 2, POCKET: 3}
 
 
 def primitives_of(layout: Float) -> Float:
-    """Returns the obstacles of a layout as convex shapes: a corner is 2 boxes, a pocket 3.
-
-    Args:
-        layout: obstacles, columns `geometry.OBSTACLE`, [M, 8].
-
-    Returns:
-        Circles and boxes, the same columns, [P, 8].
-    """
+    """A layout [M, 8] as circles and boxes, [P, 8]: a corner is 2 boxes, a pocket 3."""
     shapes = [_bar(row, k) for row in layout for k in range(N_PRIMITIVES[float(row[0])])]
     return np.array(shapes, dtype=np.float32).reshape(-1, 8)
 

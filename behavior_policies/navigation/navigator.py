@@ -1,8 +1,4 @@
-"""Drives robots to points: paths on a map, then reciprocal avoidance, then commands.
-
-The reusable part of scripted controllers: a task's own controller gives each robot's target and, if
-the target moves, its velocity.
-"""
+"""Drives robots to points that may move: by paths on a map, reciprocal avoidance, commands."""
 
 import math
 
@@ -40,11 +36,7 @@ TARGET_REPLAN_DISTANCE = 0.1  # m that a target moves before the path to it is p
 def turned_right(
     i: int, robots: Double, aim: tuple[float, float], near: float = TURN_DISTANCE
 ) -> tuple[float, float]:
-    """Returns the aim of robot i, turned 0.3 rad to the right if a robot is close ahead.
-
-    `robots`: columns x and y first, [N, C]. `aim`: preferred velocity, m/s. `near`: distance of
-    centres below which a robot is close, m.
-    """
+    """The aim (m/s) of robot i, turned 0.3 rad to the right if a robot is near (m) and ahead."""
     for j in range(robots.shape[0]):
         x, y = robots[j, 0] - robots[i, 0], robots[j, 1] - robots[i, 1]
         if j != i and x * x + y * y < near * near and x * aim[0] + y * aim[1] > 0.0:
@@ -56,10 +48,10 @@ def turned_right(
 def write_aim(
     i: int, robot: Double, drift: Double, team: Team, ground: Ground, paths: Paths, out: Double
 ) -> None:
-    """Writes the velocity a robot would take alone, m/s, and its distance to the target, m.
+    """Writes the velocity a robot would take alone, m/s, and its distance to the target, m, [3].
 
-    `robot`: x, y, vx, vy, target x and y, [at least 6]. `drift`: velocity of the target, m/s, [2];
-    added while the target is in sight. `out`: written, [3].
+    `robot`: x, y, vx, vy, target x and y first. `drift`: velocity of the target, m/s, [2], which is
+    added while the target is in sight.
     """
     x, y, goal, max_speed = robot[0], robot[1], robot[4:6], team.limits[i, SPEED]
     to_x, to_y = waypoint((x, y), goal, team.radii[i], ground, paths)
@@ -78,11 +70,7 @@ def write_aim(
 
 @kernel
 def _forget_old_paths(targets: Double, goals: Double, costs: Int32, are_old: Bool) -> None:
-    """Forgets the paths of one copy's robots whose targets have moved.
-
-    Those from before a reset are forgotten unless they lead to the very same point, so that what
-    follows a reset does not depend on what was before it.
-    """
+    """Forgets paths to targets that moved; after a reset, by however little."""
     for i in range(targets.shape[0]):
         dx, dy = targets[i, 0] - goals[i, 0], targets[i, 1] - goals[i, 1]
         reach = 0.0 if are_old[i] else TARGET_REPLAN_DISTANCE
@@ -94,10 +82,10 @@ def _forget_old_paths(targets: Double, goals: Double, costs: Int32, are_old: Boo
 
 @kernel
 def navigate(all_robots: Double, drifts: Double, team: Team, maps: Maps, out: Double) -> None:
-    """Writes the commands of all robots of all copies.
+    """Writes the commands of all robots of all copies, in [-1, 1], [E, N, 2].
 
     `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8]. `drifts`: velocities
-    of the targets, m/s, [E, N, 2]. `out`: written, in [-1, 1], [E, N, 2].
+    of the targets, m/s, [E, N, 2].
     """
     n_robots, limits, rule = all_robots.shape[1], team.limits, (AVOIDANCE_HORIZON, ROBOT_GAP)
     planes = np.empty((maps.primitives.shape[1] + 4 + 3 * n_robots, 4))
@@ -126,13 +114,9 @@ def navigate(all_robots: Double, drifts: Double, team: Team, maps: Maps, out: Do
 
 
 class Navigator:
-    """Gives commands that drive the robots of E episodes to points.
+    """Gives commands that drive the robots of E episodes, which may differ in every way, to points.
 
-    It knows more than the robots observe: the map (`step.layouts`) and the positions, velocities
-    and targets of all robots (`step.states`). Movable bodies are not on the map.
-
-    Args:
-        spec: the task; its robots may differ from each other in every way.
+    It knows the map (`step.layouts`), without movable bodies, and all robots (`step.states`).
 
     Raises:
         SpecError: the arena is too large to be mapped.

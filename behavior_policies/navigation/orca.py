@@ -2,12 +2,12 @@
 
 Source: van den Berg, Guy, Lin and Manocha, "Reciprocal n-body collision avoidance", ISRR 2011:
 half-planes from sections 4 and 5.1, the linear programs from sections 5.2 and 5.3, which follow
-de Berg et al., "Computational Geometry", chapter 4 (incremental, without the random order, so that
-the result is a function of the input).
+de Berg et al., "Computational Geometry", chapter 4 (incremental, without the random order).
 
-A half-plane is a row (px, py, dx, dy): the velocities on or left of the line through (px, py) with
-unit direction (dx, dy). Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every
-platform.
+A row (px, py, dx, dy) of `planes` [K, 4] is a half-plane: the velocities on or left of the line
+through (px, py) with unit direction (dx, dy). The first n rows count, of which the first n_hard
+must hold. `limit` is the largest speed, m/s; `aim` the velocity to approximate, or, with
+`is_direction`, the unit direction in which the velocity is to be largest.
 """
 
 import math
@@ -31,10 +31,10 @@ def robot_half_plane(
 ) -> None:
     """Writes the velocities that avoid another robot for the horizon (paper, section 4).
 
-    `offset`: position of the other robot relative to this one, m. `velocity`: of this robot, m/s.
-    `other`: velocity of the other robot, m/s. `reach`: distance of centres to keep, m. `rule`:
-    horizon, s; time in which an overlap of `reach` is resolved, s; and the share of the correction
-    taken by this robot, 1/2 where both do the same. `out`: written, [4].
+    `offset`: position of the other robot relative to this one, m. `velocity`, `other`: of this and
+    of the other robot, m/s. `reach`: distance of centres to keep, m. `rule`: horizon, s; time in
+    which an overlap of `reach` is resolved, s; and the share of the correction taken by this robot,
+    1/2 where both do the same.
     """
     horizon, recovery, share = rule
     x, y = offset
@@ -70,11 +70,7 @@ def robot_half_plane(
 
 @kernel
 def damper_half_plane(nx: float, ny: float, bound: float, out: Double) -> None:
-    """Writes the velocities whose component along a unit vector is at most `bound`, m/s.
-
-    `nx`: x component of the unit vector, which points to an obstacle. `ny`: its y component.
-    `bound`: m/s; negative means to back off. `out`: written, [4].
-    """
+    """Writes the velocities of at most `bound` m/s along the unit vector (nx, ny)."""
     out[0], out[1], out[2], out[3] = nx * bound, ny * bound, -ny, nx
 
 
@@ -88,14 +84,7 @@ def _outside(plane: Double, vx: float, vy: float) -> float:
 def best_on_line(
     planes: Double, k: int, limit: float, aim: tuple[float, float], is_direction: bool
 ) -> tuple[bool, float, float]:
-    """Returns the best velocity on the border of half-plane k within the k half-planes before it.
-
-    `planes`: half-planes, [K, 4]. `k`: index of the half-plane. `aim`: the velocity to approximate,
-    or the direction to maximise the velocity in. `is_direction`: whether `aim` is a direction.
-
-    Returns:
-        Whether there is one, and the velocity.
-    """
+    """Whether half-plane k has a border within those before it; and the best velocity on it."""
     px, py, dx, dy = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
     middle = px * dx + py * dy
     room = middle * middle + limit * limit - (px * px + py * py)
@@ -130,10 +119,6 @@ def best_velocity(
 ) -> tuple[int, float, float]:
     """Returns the velocity in all half-planes that is nearest to `aim` (paper, section 5.2).
 
-    `planes`: half-planes, [K, 4]; the first n count. `n`: number of half-planes. `aim`: the
-    velocity to approximate, or the unit direction to maximise the velocity in. `is_direction`:
-    whether `aim` is a direction.
-
     Returns:
         The index of the first half-plane that cannot be satisfied, or n; and the best velocity for
         the half-planes before that one.
@@ -160,9 +145,7 @@ def least_violating(
 ) -> tuple[float, float]:
     """Returns the velocity with the least violation of any soft half-plane (paper, section 5.3).
 
-    `planes`: half-planes, [K, 4]: n_hard that must hold, then soft ones. `n`: number of
-    half-planes. `first`: index of the half-plane at which `best_velocity` failed. `start`: the
-    velocity that `best_velocity` returned.
+    `first`, `start`: where `best_velocity` failed, and the velocity that it returned.
     """
     vx, vy = start
     worst = 0.0
@@ -206,11 +189,7 @@ def _bisector(k: Double, i: Double, out: Double) -> bool:
 def solve(
     planes: Double, n: int, n_hard: int, limit: float, aim: tuple[float, float]
 ) -> tuple[float, float]:
-    """Returns the safe velocity nearest to `aim`; if there is none, the one that is least unsafe.
-
-    `planes`: half-planes, [K, 4]: n_hard that must hold, then soft ones. `n`: number of
-    half-planes. `aim`: preferred velocity, m/s.
-    """
+    """Returns the safe velocity nearest to `aim`; if there is none, the least unsafe one."""
     failed, vx, vy = best_velocity(planes, n, limit, aim, False)
     if failed < n:
         vx, vy = least_violating(planes, n, n_hard, failed, limit, (vx, vy))

@@ -1,12 +1,10 @@
 """Constants of a team's robots for navigation, among them their time and length scales.
 
-The distances and times of `avoidance` and `navigator` suit the reference robot (radius 0.12 m, 0.6
-m/s, 1.5 m/s^2). For another robot they are multiplied by two factors, both 1 for the reference:
-
-    time    the largest of three ratios: its braking time v / a to the reference's; its time to
-            cross its own radius r / v to the reference's; and, for a unicycle, its time for a
-            right-angle turn to twice the reference's braking time
-    length  the ratio of the distances driven at full speed in these times
+Distances and times of `avoidance` and `navigator` suit the reference robot (radius 0.12 m, 0.6 m/s,
+1.5 m/s^2). Another's are multiplied by its time scale, the largest ratio to the reference of: its
+braking time v / a; its time to cross its own radius r / v; and, of a unicycle, half its time for a
+right-angle turn (to the braking time); or by its length scale, the ratio of the distances driven at
+full speed in these times.
 """
 
 from typing import NamedTuple, Self

@@ -1,10 +1,7 @@
 """The step of avoidance that controllers share whose robots keep to lanes and tracks.
 
-Each robot takes the safe velocity nearest to the one that it wants (`orca`). Hard limits: it
-approaches surfaces and robots only so fast that it can still brake (`avoidance.BRAKING_TIME`). Soft
-limits: reciprocal avoidance, half and half, and all the room for those that have the right of way.
-
-`velocity_tracking` turns the velocity into a command, so robots of every drive can be mixed.
+Hard limits: a robot approaches surfaces and robots only so fast that it can still brake. Soft
+limits: reciprocal avoidance, half and half, and all the room for those with the right of way.
 """
 
 from collections.abc import Callable
@@ -41,11 +38,10 @@ arm of 0.7 m leave 0.11."""
 def drive_in_traffic(
     robots: Double, aims: Double, team: Team, half: Double, layout: Float, out: Double
 ) -> None:
-    """Writes the commands of all robots of one copy.
+    """Writes the commands of all robots of one copy, in [-1, 1], [N, 2].
 
-    `robots`: x, y, vx, vy, target x and y, heading ux and uy first, [N, C]. `aims`: preferred
-    velocity, m/s, and what decides who gives way, of every robot, [N, 3]
-    (`avoidance.robot_half_planes`). `out`: written, in [-1, 1], [N, 2].
+    `robots`: x, y, vx, vy, target x and y, heading ux and uy first. `aims`: as of
+    `robot_half_planes`, with anything that decides who gives way. `layout`: convex obstacles.
     """
     radii, limits, scales, _, dt = team
     n_robots, rule = robots.shape[0], (TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP)
@@ -67,15 +63,8 @@ class TrafficController(Controller):
     """A policy without memory whose robots keep to the lanes and tracks of their task.
 
     It knows the floor, and the positions, velocities and targets of all robots (`step.states`).
-
-    Args:
-        spec: the task; its robots may differ from each other in every way.
-        noise: standard deviation of the Gaussian noise on each command.
-        act_copies: the task's kernel, which writes the commands of all copies.
-        rules: of the task's traffic, for the kernel.
-
-    Raises:
-        SpecError: `noise` is not a standard deviation.
+    `act_copies` is the task's kernel, which writes the commands of all copies, `rules` its
+    argument.
     """
 
     has_memory = False

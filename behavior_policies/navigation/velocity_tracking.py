@@ -1,8 +1,7 @@
 """Velocity tracking: the command of a robot's drive for a wanted velocity.
 
-A holonomic robot takes the velocity as it is. A unicycle turns towards it, and drives along its
-heading as fast as the velocity's component along it, limited to what the half-planes of safe
-velocities allow along that heading. The heading may lag behind: safety does not depend on it.
+A unicycle turns towards it, and drives along its heading at the velocity's component along it,
+within the half-planes of safe velocities: safety does not depend on the heading.
 """
 
 import math
@@ -36,11 +35,10 @@ def command_of(
     dt: float,
     out: Double,
 ) -> None:
-    """Writes the command of one robot.
+    """Writes the command of one robot, in [-1, 1], [2].
 
-    `velocity`: of the robot, m/s. `wish`: the wanted velocity, at most the robot's maximum speed,
-    m/s. `planes`: half-planes of safe velocities (`orca`), most important ones first, [K, 4].
-    `out`: written, in [-1, 1], [2].
+    `wish`: the wanted velocity, at most the robot's maximum speed, m/s. `planes`: half-planes of
+    safe velocities (`orca`), most important ones first, [K, 4].
     """
     if limit[UNICYCLE] == 1.0:
         out[1], top = turn_command(heading, wish, limit, dt), limit[SPEED]
@@ -73,8 +71,7 @@ def turn_command(
 ) -> float:
     """Turn rate towards a velocity, or away from it to back up, as a share of the limit, [-1, 1].
 
-    The angle left to turn is twice the arctangent of side / (speed + ahead). For small angles that
-    is nearly twice the argument; for large ones the limit holds.
+    The angle left to turn is twice the arctangent of side / (speed + ahead), nearly twice that.
     """
     ahead = heading[0] * wish[0] + heading[1] * wish[1]
     side = heading[0] * wish[1] - heading[1] * wish[0]
@@ -97,8 +94,7 @@ def speed_along(
 ) -> float:
     """The safe speed along a heading that is nearest to a velocity's component along it, m/s.
 
-    If no speed is safe, it is the one nearest to zero that satisfies the half-planes before the
-    first one that cannot be satisfied.
+    If none is safe, the one nearest to zero within the half-planes before the first impossible one.
     """
     low, high = -top, top
     wanted = heading[0] * wish[0] + heading[1] * wish[1]

@@ -1,13 +1,10 @@
 """What a pursuer believes: where the evaders and its teammates are, from sight and messages.
 
-A team that sees everything has one view, and its beliefs are exact. Otherwise each robot has its
-own view:
-
-- An evader that it sees is where it is. One that it lost goes on as it moved, ever more slowly; it
-  is unknown after `sightings.MEMORY_TIME`, or once the robot sees that it is not there.
-- A message holds where its sender is, and where it saw an evader last. If that place is another
-  than in the message before, the sender has just seen it; how far it moved is its velocity.
-- A teammate that it neither sees nor hears is where it was.
+A team that sees everything has one view, and is right. Otherwise each robot has its own. An evader
+that it lost goes on as it moved, ever more slowly, until `sightings.MEMORY_TIME`, or until the
+robot sees that it is not there. A message holds where its sender is, and where it saw an evader
+last; if that place is new, the sender has just seen it, and how far it moved is its velocity. A
+teammate that it neither sees nor hears is where it was. `heard`: [N, N, 5] of `heard_goals`.
 """
 
 from typing import NamedTuple
@@ -107,10 +104,7 @@ def told_evader(v: int, x: float, y: float, beliefs: Beliefs) -> int:
 
 @kernel
 def believe_messages(i: int, heard: Double, hunt: Hunt, beliefs: Beliefs) -> None:
-    """Takes over what robot i is told of evaders and of the senders' places.
-
-    `i`: index of the robot, and of its view.
-    """
+    """Takes over what robot i, whose view is i, is told of evaders and of the senders' places."""
     for j in range(heard.shape[1]):
         if j == i or heard[i, j, MASK] == 0.0:
             continue

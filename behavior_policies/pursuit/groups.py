@@ -1,9 +1,8 @@
 """Who goes where: groups of robots, each around one evader, and robots that search.
 
-An evader gets as many robots as capture it, those that are nearest, the evader first whose robots
-are nearest of all. Groups stay as they are until another evader becomes known, or one is captured
-or lost. Robots without a group search while an evader is unknown, each in its own sector of the
-arena; otherwise they stay.
+An evader gets as many of the nearest robots as capture it, the evader first whose robots are
+nearest of all. Groups stay until another evader becomes known, or one is captured or lost. Robots
+without a group search, each in its own sector of the arena, while an evader is unknown.
 """
 
 import math
@@ -73,10 +72,7 @@ def form_groups(v: int, hunt: Hunt, beliefs: Beliefs, plans: Plans) -> None:
 def gather(v: int, k: int, hunt: Hunt, beliefs: Beliefs, plans: Plans, is_final: bool) -> float:
     """The sum of the distances from evader k to the nearest robots without a group, m.
 
-    `is_final`: whether these robots become its group.
-
-    Returns:
-        The sum; infinity if there are too few.
+    They become its group if `is_final`. Infinity if there are too few.
     """
     n, total = beliefs.mates.shape[1], 0.0
     is_taken = np.zeros(n, np.bool_)
@@ -147,7 +143,7 @@ def goals_of_rings(
 def goals_of_chases(v: int, leads: Double, hunt: Hunt, beliefs: Beliefs, goals: Double) -> Bool:
     """Writes where robots drive to that each chase the nearest evader; returns which do, [N].
 
-    `leads`: of each robot: share of its time to the evader, and largest time (s), by which it aims
+    `leads`: of each robot, share of its time to the evader, and largest time (s), by which it aims
     ahead, [N, 2].
     """
     n = beliefs.mates.shape[1]
@@ -180,7 +176,7 @@ def choose_goals(
     plans: Plans,
     goals: Double,
 ) -> None:
-    """Writes where the robots of one episode drive to.
+    """Writes where the robots of one episode drive to, m, [N, 2].
 
     `leads`: of robots that chase (`goals_of_chases`); [0, 2] for rings.
     """

@@ -1,7 +1,6 @@
 """Teams of `pursuit` that do not act together: each robot chases the nearest evader that it knows.
 
-They see, remember, tell and search as the scripted team does. They differ in how far ahead of the
-evader they aim: a share of the time that they need to where it is, and at most some seconds.
+They differ in how far ahead of the evader they aim.
 """
 
 from typing import ClassVar

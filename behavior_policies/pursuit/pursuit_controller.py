@@ -1,11 +1,7 @@
-"""The controller that a pursuit needs: surround the evader from afar, and close in together.
+"""The controller of `pursuit`: surround the evader from afar, and close in together.
 
-In each step, each robot decides from what it believes (`beliefs`) who surrounds which evader
-(`groups`), and where to drive (`ring`). `navigator` drives it there: paths on the map, then
-reciprocal avoidance.
-
-Without messages that hold positions and targets (payload `pose_and_goal`), robots that do not see
-everything know only what they see, of their teammates too.
+Each robot decides from what it believes (`beliefs`) who surrounds which evader (`groups`), and
+where to drive (`ring`); `navigator` drives it there.
 """
 
 import numpy as np
@@ -56,9 +52,9 @@ def choose_all(
 class PursuitController(Scripted):
     """Surrounds evaders and closes in; with leads, each robot chases the nearest one instead.
 
-    It knows the map (`step.layouts`). Where robots see everything, it knows all robots and evaders
-    (`step.states`). Otherwise each robot knows what it sees and remembers (`step.states`), and what
-    messages say (`step.observations`); it avoids those that are near.
+    It knows the map, and all robots and evaders where robots see everything. Otherwise each robot
+    knows what it sees and remembers (`step.states`), and what messages with payload `pose_and_goal`
+    say (`step.observations`); it avoids those that are near.
 
     Args:
         spec: the task; its robots may differ from each other in every way.

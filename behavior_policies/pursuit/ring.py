@@ -1,13 +1,11 @@
 """A ring: robots surround an evader from outside the distance at which it flees, then close in.
 
-1. Slots lie on a circle of `RING_RADIUS` around the evader, evenly over the directions that are
-   open; walls and obstacles guard the others. Robots take them in the order in which they stand
-   around it, so that the longest way and a share of the sum of all ways are least.
-2. A robot travels to its slot along the circle, not across it.
-3. They close in once no open direction is farther than `CLOSE_COS` from all of them, or once all
-   have been at their slots for `PATIENCE_STEPS`; and open again when one of them is far from them.
-
-Angles are compared by their cosines.
+Slots lie on a circle of `RING_RADIUS`, evenly over the directions that walls and obstacles leave
+open. Robots take them in the order in which they stand around the evader, so that the longest way
+and a share of the sum of all ways are least, and travel along the circle. They close in once no
+open direction is farther than `CLOSE_COS` from all of them, or all have been at their slots for
+`PATIENCE_STEPS`; and open again when one is far from them. Angles are compared by their cosines.
+`place` [2] is that of the evader, m; `members` [Q, 2] are those of the robots.
 """
 
 import math
@@ -108,11 +106,10 @@ def turn_order(place: Double, members: Double) -> Int:
 def write_slots(
     place: Double, phase: float, first: int, shares: Double, radius: float, hunt: Hunt, out: Double
 ) -> None:
-    """Writes slots around an evader, counter-clockwise, [Q, 2].
+    """Writes slots around an evader at a radius (m), counter-clockwise, m, [Q, 2].
 
-    `place`: of the evader, m, [2]. `phase`: where in its share of the directions each slot is, from
-    0 to 1. `first`: the direction at which the first share begins. `shares`: of the directions from
-    the first one on, summed up, up to 1, [D]. `radius`: m. `out`: written, m.
+    `phase`: where in its share of the directions each slot is, from 0 to 1. `first`: the direction
+    at which the first share begins. `shares`: of the directions from the first one on, summed, [D].
     """
     n, d = shares.shape[0], 0
     for s in range(out.shape[0]):
@@ -129,10 +126,7 @@ def write_slots(
 def assign_slots(
     place: Double, members: Double, radius: float, layout: Float, hunt: Hunt, out: Double
 ) -> None:
-    """Writes the slot of each member around an evader, m, [Q, 2].
-
-    `place`: of the evader, m, [2]. `radius`: of the ring, m. `out`: written.
-    """
+    """Writes the slot of each member on a ring of this radius (m) around an evader, m, [Q, 2]."""
     n, q, least = hunt.directions.shape[0], members.shape[0], math.inf
     are_open, shares, slots = np.empty(n, np.bool_), np.empty(n), np.empty((q, 2))
     are_all_open = find_open(place, radius, layout, hunt, are_open)
@@ -160,10 +154,7 @@ def assign_slots(
 
 @kernel
 def guarded_cos(place: Double, members: Double, layout: Float, hunt: Hunt) -> float:
-    """Cosine of the largest angle between an open direction and the nearest guard; 1 without any.
-
-    `place`: of the evader, m, [2].
-    """
+    """Cosine of the largest angle from an open direction to the nearest guard; 1 without any."""
     least, reach = 1.0, RING_RADIUS + GUARD_MARGIN
     for d in range(hunt.directions.shape[0]):
         ux, uy = hunt.directions[d, 0], hunt.directions[d, 1]
@@ -220,13 +211,10 @@ def ring_goals(
     hunt: Hunt,
     goals: Double,
 ) -> tuple[bool, int]:
-    """Writes where the robots of a ring drive to.
+    """Writes where the robots of a ring drive to, m, [Q, 2].
 
-    `place`: of the evader, m, [2]. `velocity`: of the evader, m/s, [2]. `phase`: what this function
-    returned in the step before; (False, 0) at first. `goals`: written, m, [Q, 2].
-
-    Returns:
-        Whether the ring closes in, and how long it has waited.
+    `velocity`: of the evader, m/s, [2]. `phase`: what this returned in the step before, at first
+    (False, 0): whether the ring closes in, and how long it has waited.
     """
     q = members.shape[0]
     slots, is_filled = np.empty((q, 2)), True

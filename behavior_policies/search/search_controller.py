@@ -1,10 +1,7 @@
-"""The controller a rescue engineer would write: search apart, tell what was found, meet there.
+"""The controller of `search`: search apart, tell what was found, meet there.
 
-In each step, each robot decides where to go from its own memory and from the messages that it has
-(`search_team`). `navigator` drives it there: paths on the map, then reciprocal avoidance.
-
-Without messages that hold positions and targets (payload `pose_and_goal`), every robot knows only
-what it has seen, and two robots meet at a victim by chance.
+Each robot decides where to go from its memory and from messages (`search_team`); `navigator` drives
+it there. Without messages of payload `pose_and_goal`, two meet at a victim by chance only.
 """
 
 import numpy as np
@@ -48,9 +45,8 @@ def choose_all(
 class SearchController(Scripted):
     """Searches, tells, and rescues together.
 
-    It knows the map (`step.layouts`). Each robot knows its own position and what it has seen itself
-    (`step.states`). Of the others it knows what their messages say (`step.observations`); it avoids
-    those that are near.
+    It knows the map. Each robot knows its own position and what it has seen itself (`step.states`);
+    of the others, what their messages say (`step.observations`); it avoids those that are near.
 
     Args:
         spec: the task; its robots may differ from each other in every way.

@@ -1,21 +1,13 @@
 """Where the robots of a search team go: to victims, as many as each needs, or to new squares.
 
-Each robot decides by itself from what it knows: its own memory, and the messages that it has. A
-message holds where its sender is, and which victim it knows, or that it knows none.
-
-1. A robot lists the victims that it and the senders know, in the order of the robots. Victims that
-   it has seen to be rescued, or has given up, are not listed.
-2. To each it assigns the robots that a victim needs: those that are nearest to it, among itself and
-   the senders. Robots that know the same make the same assignment.
-3. If it is assigned to a victim, it goes there and waits. After `PATIENCE_TIME` at a victim that is
-   not rescued it gives it up for `GIVEN_UP_TIME`, and searches on.
-4. Otherwise it goes to the middle of the nearest square that it has not looked at, and of which no
-   sender is nearer; if there is none, to the nearest of all. It has looked at what it has seen, and
-   at what the senders have seen from where they said they were. When nothing is left, it begins
-   anew.
-
-Robots without notes never give up, and search one of the squares that they observe: the nearest one
-of which no sender is nearer, or else the nearest.
+Each robot decides from its memory and from messages, which hold where the sender is, and which
+victim it knows, or that it knows none. It lists the victims that it and the senders know, but those
+seen to be rescued or given up, in the order of the robots, and assigns to each the nearest robots
+among itself and the senders. If it is assigned, it goes there; after `PATIENCE_TIME` it gives the
+victim up for `GIVEN_UP_TIME`. Otherwise it goes to the nearest square that it has not looked at,
+nor the senders from where they were, and of which no sender is nearer; else to the nearest. When
+none is left, it begins anew. Robots without notes never give up, and search the squares that they
+observe. `heard`: [N, N, 5] columns `MASK` to `VICTIM_Y`; a robot's own row says where it is.
 """
 
 from typing import NamedTuple
@@ -124,10 +116,9 @@ def list_victims(
     notes: Notes,
     out: Double,
 ) -> int:
-    """Writes the places of the victims that robot i knows or is told of; returns how many.
+    """Writes the places of victims that robot i knows or is told of, [N, 2]; returns how many.
 
-    `own`: the victim that it knows itself, or `NO_INDEX`. `heard`: of the robots, [N, N, 5]; a
-    robot's own row says where it is. `out`: written, [N, 2].
+    `own`: the victim that it knows itself, or `NO_INDEX`.
     """
     count = 0
     for j in range(heard.shape[1]):
@@ -154,10 +145,7 @@ def list_victims(
 
 @kernel
 def assigned_victim(i: int, victims: Double, heard: Double, helpers: int) -> int:
-    """The victim to which robot i assigns itself, or `NO_INDEX`.
-
-    `victims`: in order, m, [V, 2].
-    """
+    """Which of the victims [V, 2], in order, robot i assigns itself to, or `NO_INDEX`."""
     is_free = heard[i, :, MASK] > 0.0
     for v in range(victims.shape[0]):
         for _ in range(helpers):
@@ -252,11 +240,7 @@ def has_waited(i: int, own: int, state: Float, time: int, floor: Floor, notes: N
 def choose_goals(
     state: Float, heard: Double, layout: Float, time: int, floor: Floor, notes: Notes, goals: Double
 ) -> None:
-    """Writes where each robot of one episode goes.
-
-    `heard`: what each robot knows of each, columns `MASK` to `VICTIM_Y`; of itself, where it is,
-    [N, N, 5].
-    """
+    """Writes where each robot of one episode goes, m, [N, 2]."""
     n = heard.shape[0]
     victims = np.empty((n, 2))
     for i in range(n):

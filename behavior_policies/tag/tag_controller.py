@@ -1,8 +1,7 @@
 """The scripted sides of `tag`, and pursuers that do not act together.
 
-Pursuers do what they do in `pursuit`. The evader moves by the rule of the evaders there
-(`envs.pursuit.evader`): it wanders while calm, and flees along the best of the headings that it
-looks ahead for. Here it is a robot: it wants the velocity of that rule, and its drive follows.
+Pursuers do what they do in `pursuit`. The evader is a robot here: it wants the velocity of the rule
+of the evaders there (`envs.pursuit.evader`), and its drive follows.
 """
 
 from typing import ClassVar
@@ -51,11 +50,10 @@ def flee(
     headings: Double,
     out: Double,
 ) -> None:
-    """Writes the commands of the evaders of all copies.
+    """Writes the commands of the evaders of all copies, [E, 2].
 
-    `radii`: of the pursuers, m, [N - 1]. `limit`: of the evader, a row of `dynamics.limits_of`.
-    `are_alarmed`: changed, [E]. `headings`: in which they wander, changed, [E, 2]. `out`: written,
-    [E, 2].
+    `radii`: of the pursuers, m, [N - 1]. `are_alarmed` [E] and `headings` [E, 2], in which they
+    wander, are changed.
     """
     n, nothing = radii.shape[0], np.empty((0, 4))
     for b in range(states.shape[0]):
@@ -82,12 +80,7 @@ def flee(
 class TagController(Controller):
     """Both scripted sides; it knows the map and all robots (`step.layouts`, `step.states`).
 
-    Args:
-        spec: the task.
-        noise: standard deviation of the Gaussian noise on each command.
-
-    Raises:
-        SpecError: `noise` is not a standard deviation, or the spec is another task's.
+    Arguments and errors are those of `Scripted`; a spec of another task is refused too.
     """
 
     pursuers: ClassVar[type[PursuitController]] = PursuitController

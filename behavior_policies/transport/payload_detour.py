@@ -1,7 +1,7 @@
 """Paths of robots around a payload, over a graph of two rings of points that keep clear of it.
 
-The inner ring is close to the payload, the outer one passes behind robots that stand at it. Points
-are joined along their ring, and to the point beside them on the other ring.
+The outer ring passes behind robots that stand at the payload. Points are joined along their ring,
+and to the point beside them on the other ring.
 """
 
 import math
@@ -49,8 +49,7 @@ def crosses(
 ) -> bool:
     """Whether a straight line meets the payload grown by `margin` metres on each side.
 
-    A line that starts within the margin may lead away from the payload; one that ends within it,
-    also beyond a corner of a box, crosses.
+    A line that starts within the margin may lead away; one that ends within it crosses.
     """
     body, shape = payload
     ux, uy = body[4], body[5]
@@ -104,10 +103,7 @@ def fill_rings(payload: PayloadState, radius: float, ground: Ground, rings: Ring
 def _blocking_toll(
     i: int, pushers: Pushers, start: tuple[float, float], end: tuple[float, float], reach: float
 ) -> float:
-    """`BLOCKED_TOLL` if robot i would touch a standing robot on a straight line, else 0.
-
-    A robot that it already touches does not count, so that it can leave.
-    """
+    """`BLOCKED_TOLL` if robot i would come to touch a standing robot on a line, else 0."""
     robots, is_standing = pushers
     vx, vy = end[0] - start[0], end[1] - start[1]
     square = vx * vx + vy * vy
@@ -124,11 +120,7 @@ def _blocking_toll(
 
 @kernel
 def _relax(points: Double, tolls: Double, costs: Double) -> None:
-    """Completes the costs of the points: each is the cheapest over its three neighbors.
-
-    `points`: m, [N_POINTS, 2]. `tolls`: cost of entering a point, m, infinite where a robot does
-    not fit, [N_POINTS]. `costs`: read and written, m, [N_POINTS].
-    """
+    """Completes the costs of entering the points, m, each the cheapest over its three neighbors."""
     has_changed = True
     while has_changed:
         has_changed = False
@@ -155,13 +147,7 @@ def detour_waypoint(
     ground: Ground,
     rings: Rings,
 ) -> tuple[bool, float, float]:
-    """Returns the next point of a robot's path to `end`, around the payload.
-
-    `end`: a point beside the payload, m.
-
-    Returns:
-        Whether a point of the path is visible to the robot, and that point, m.
-    """
+    """Whether robot i sees a point of its path to `end`, beside the payload, and that point, m."""
     (points, is_free), robots = rings, pushers.robots
     need, margin, reach = radius + PATH_GAP, radius + CLEAR_GAP, 2.0 * radius + PASSING_GAP
     position = (robots[i, 0], robots[i, 1])

@@ -1,4 +1,7 @@
-"""How a robot of a pushing team moves: in its slot, on its way there, and out of the way."""
+"""How a robot of a pushing team moves: in its slot, on its way there, and out of the way.
+
+Functions write its velocity, m/s, and a distance to go, for the right of way, m, to `out`.
+"""
 
 import math
 
@@ -40,9 +43,7 @@ def follow_slot(
     """Writes the velocity of a robot in its slot: with the payload, and pushing by `force` N.
 
     A robot of mass 1 kg that commands a velocity `force * dt` above its own accelerates by `force`.
-
-    `robot`: x, y, vx, vy, [C]. `push`: from `push_team.contact`. `force`: N. `out`: written:
-    velocity, m/s, and distance to go, for the right of way, m, [any].
+    `push` is that of `push_team.contact`.
     """
     nx, ny, left, off = push
     ahead = body[2] * nx + body[3] * ny + APPROACH_RATE * off
@@ -64,7 +65,7 @@ def go_to_slot(
     paths: Paths,
     out: Double,
 ) -> None:
-    """Writes the velocity of a robot on its way to its slot, see `follow_slot`."""
+    """Writes the velocity of robot i on its way to its slot, by `paths` if that is hidden."""
     robot, radius = pushers.robots[i], setup.radii[i]
     x, y, nx, ny = robot[0], robot[1], slot[2], slot[3]
     dx, dy = slot[0] - x, slot[1] - y
@@ -96,11 +97,7 @@ def keep_clear(
     direction: tuple[float, float],
     out: Double,
 ) -> None:
-    """Writes the velocity of a robot without a slot: away from the payload and its path.
-
-    `robot`: position first, [C]. `direction`: unit vector of the payload's path. `out`: written,
-    see `follow_slot`.
-    """
+    """Writes the velocity of a robot without a slot: away from the payload and its path."""
     dx, dy, shape = robot[0] - body[0], robot[1] - body[1], setup.shape
     ahead, aside = dx * direction[0] + dy * direction[1], dy * direction[0] - dx * direction[1]
     reach = math.sqrt(shape[1] * shape[1] + shape[2] * shape[2])
@@ -120,13 +117,9 @@ def keep_clear(
 def payload_half_plane(
     robot: Double, radius: float, body: Double, row: Float, planes: Double, n: int
 ) -> int:
-    """Adds the velocities with which a robot does not run into the payload.
+    """Adds velocities with which a robot does not run into the payload; returns the rows so far.
 
-    `robot`: position first, [C]. `row`: the payload as an obstacle, from `payload.place_row`, [8].
-    `planes`: written from row n.
-
-    Returns:
-        The number of half-planes written so far.
+    `row`: the payload as an obstacle, from `payload.place_row`, [8]. `planes`: written from row n.
     """
     d, vx, vy = nearest(robot[0], robot[1], row)
     if not 0.0 < d < radius + 0.4:
@@ -143,8 +136,7 @@ def away_from_surfaces(
 ) -> tuple[float, float]:
     """The direction of `aim`, turned away from a surface that is near, as a unit vector.
 
-    `aim`: wanted displacement of the payload, any length. `reach`: radius of a circle about the
-    payload, m.
+    `aim`: wanted displacement of the payload. `reach`: radius of a circle about the payload, m.
     """
     x, y = body[0], body[1]
     length = max(math.sqrt(aim[0] * aim[0] + aim[1] * aim[1]), 1e-9)

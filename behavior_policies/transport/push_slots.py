@@ -1,8 +1,8 @@
 """Slots from which robots push a payload, along the faces that point against its direction.
 
 A face is numbered by the push it takes in the payload's frame: 0 along +x (the face on the -x
-side), 1 along -x, 2 along +y, 3 along -y. Circular payloads have no faces; their slots are on an
-arc behind them.
+side), 1 along -x, 2 along +y, 3 along -y. Slots of circles are on an arc behind them. A slot is a
+row: a robot's centre (m) when it touches, and the direction of its push.
 """
 
 import math
@@ -42,10 +42,7 @@ class SlotSearch(NamedTuple):
 
 @kernel
 def face_normal(body: Double, face: int) -> tuple[float, float]:
-    """Direction of the push that a face takes, in the world's frame.
-
-    `face`: its number.
-    """
+    """Direction of the push that a face takes, in the world's frame."""
     ux, uy = body[4], body[5]
     nx, ny = (ux, uy) if face < 2 else (-uy, ux)
     return (nx, ny) if face % 2 == 0 else (-nx, -ny)
@@ -66,9 +63,7 @@ def _add_slot(
 def fill_face(search: SlotSearch, face: int, other: int, limit: int, out: Double) -> int:
     """Writes up to `limit` slots at a face where a robot has room; returns their number.
 
-    `face`: number of the face. `other`: the face around the corner at which robots push too, or
-    `NO_INDEX`. `limit`: largest number of slots. `out`: written: a robot's centre (m) when it
-    touches, and the direction of its push, [any, 4].
+    `other`: the face around the corner at which robots push too, or `NO_INDEX`.
     """
     (body, shape), radius = search.payload, search.radius
     nx, ny = face_normal(body, face)
@@ -126,15 +121,11 @@ def _face_cosine(search: SlotSearch, face: int) -> float:
 
 @kernel
 def choose_slots(search: SlotSearch, before: tuple[int, int], out: Double) -> tuple[int, int, int]:
-    """Chooses the one or two faces to push at, and the slots at them.
+    """Chooses the one or two faces to push at, and the slots at them, [MAX_SLOTS, 4].
 
-    The first face is the one that points best along the direction and has room for enough robots.
-    The second is its better neighbor, if the robots at both can push along the direction;
-    otherwise they push at the first alone, and the direction will turn. An earlier choice is kept
-    while it is about as good, since robots have to move for a change.
-
-    `before`: faces of the step before, or `NO_INDEX`. `out`: written, see `fill_face`, [MAX_SLOTS,
-    4].
+    The first face points best along the direction and has room for enough robots. The second is its
+    better neighbor, if the robots at both can push along the direction. An earlier choice,
+    `before`, is kept while it is about as good, since robots have to move for a change.
 
     Returns:
         First face, second face or `NO_INDEX`, and the number of slots.

@@ -37,12 +37,10 @@ TURN_DAMPING = 5.0  # force against turning, N per (rad/s of turn rate times m o
 def assign_slots(
     robots: Double, payload: PayloadState, slots: Double, margin: float, out: Int
 ) -> None:
-    """Writes the slot of each robot, or -1; starts from those in `out` if all slots are taken.
+    """Writes the slot of each robot, or -1, [N]; starts from those in `out` if all slots are taken.
 
     Path lengths count by their squares: two robots move a little rather than one past the other.
-
-    `robots`: positions first, [N, C]. `slots`: from `push_slots.choose_slots`, [K, 4], K at most N.
-    `margin`: by which a straight path must miss the payload, m. `out`: read and written, [N].
+    `margin`: by which a straight path must miss the payload, m.
     """
     n, k = robots.shape[0], slots.shape[0]
     costs = np.empty((n, k))
@@ -88,15 +86,10 @@ def _swap(costs: Double, out: Int) -> None:
 def contact(
     robot: Double, inset: float, payload: PayloadState, slot: Double
 ) -> tuple[float, float, float, float]:
-    """Returns how a robot would push, and where its slot is relative to it.
+    """Direction of a robot's push, and how far its slot is to the left and ahead of it, m.
 
     At a box it pushes along the face's normal, wherever it stands; at a circle towards the centre.
-
-    `robot`: position first, [C]. `inset`: how much smaller the robot's radius is than that of the
-    slots, m.
-
-    Returns:
-        Direction of its push, and how far its slot is to the left and ahead of it, m.
+    `inset`: how much smaller the robot's radius is than that of the slots, m.
     """
     body, shape = payload
     dx, dy, nx, ny = slot[0] - robot[0], slot[1] - robot[1], slot[2], slot[3]
@@ -120,12 +113,9 @@ def stands(left: float, ahead: float, is_circle: bool, was_pushing: bool) -> boo
 
 @kernel
 def feasible_direction(direction: tuple[float, float], pushes: Double) -> tuple[float, float]:
-    """The direction nearest to the wanted one in which pushes can move the payload.
+    """The direction nearest to the wanted one in which pushes [K, 4] can move the payload.
 
-    `direction`: unit vector. `pushes`: positions and directions, [K, 4].
-
-    Returns:
-        A unit vector, or (0, 0) if none of the pushes has a component along the direction.
+    A unit vector, or (0, 0) if none of the pushes has a component along the direction.
     """
     wx, wy = 0.0, 0.0
     for k in range(pushes.shape[0]):
@@ -152,11 +142,7 @@ def _share(pushes: Double, k: int) -> float:
 def _share_force(
     body: Double, wanted: tuple[float, float], pushes: Double, limit: float, out: Double
 ) -> tuple[float, float, float]:
-    """Shares a force among pushes, scaled down until no robot exceeds `limit`, N.
-
-    Returns:
-        The resulting force and torque, N and N m.
-    """
+    """Shares a force, scaled down until no robot exceeds `limit` N; returns force and torque."""
     peak = limit
     for k in range(pushes.shape[0]):
         along = wanted[0] * pushes[k, 2] + wanted[1] * pushes[k, 3]
@@ -175,17 +161,11 @@ def _share_force(
 def push_forces(
     body: Double, direction: tuple[float, float], pushes: Double, setup: PushSetup, out: Double
 ) -> bool:
-    """Writes the force (N) of each push that moves the payload along its direction.
+    """Writes the force (N, not negative) of each push [K, 4] that moves the payload, [K].
 
-    The team's force overcomes friction and corrects the velocity; it is shared among the robots
-    of a face, and the side that lags behind pushes harder.
-
-    `direction`: unit vector, from `feasible_direction`. `pushes`: positions and directions, [K, 4].
-    `out`: written, not negative, [K].
-
-    Returns:
-        Whether these pushes start the payload closely enough along its direction, without turning
-        it.
+    The team's force overcomes friction and corrects the velocity; it is shared among the robots of
+    a face, and the side that lags behind pushes harder. Returns whether these pushes start the
+    payload closely enough along the `feasible_direction`, without turning it.
     """
     mass, friction = setup.moved_mass / VELOCITY_RESPONSE_TIME, setup.friction
     dx, dy = direction

@@ -1,21 +1,15 @@
 """The pushing controller of `transport`, as a robotics engineer would write it.
 
-In each step, with the map and the positions of all:
-
-1. the payload's path to its goal is planned as if it were its bounding circle (`planner`);
+1. The payload's path to its goal is planned as if it were its bounding circle (`planner`);
 2. the one or two faces that point against the path's direction get slots for robots
-   (`push_slots`), as many as have room; robots without a slot keep clear of the path;
+   (`push_slots`); robots without a slot keep clear of the path;
 3. robots go to their slots, around the payload and not through it (`payload_detour`), and wait;
-4. when those in their slots can move the payload along its path without turning it, they push.
-   They command forces: a robot that commands a velocity just above its own accelerates
-   (`push_team`).
+4. when those in their slots can move the payload along its path without turning it, they push, by
+   commanding velocities just above their own (`push_team`).
 
-On their way robots avoid surfaces and each other as in `navigator`; robots without a slot give way.
-In their slots they only avoid surfaces: the payload stops them before they touch each other.
-The controller remembers the faces, the slots, and whether the robots push, so that small changes do
-not send robots around the payload.
-
-It brings the payload to a position; it does not turn it to a wanted direction.
+On their way robots avoid surfaces and each other as in `navigator`, in their slots only surfaces.
+Faces, slots and whether robots push are remembered, so that small changes do not send robots around
+the payload. It brings the payload to a position, and does not turn it to a wanted direction.
 """
 
 import numpy as np
@@ -128,10 +122,7 @@ def _update_pushing(
 def write_aims(
     robots: Double, search: SlotSearch, setup: PushSetup, paths: Paths, memory: Int, aims: Double
 ) -> None:
-    """Writes what every robot would do alone, [N, 4].
-
-    That is its velocity, m/s; a distance to its goal, for the right of way; and 1 in its slot.
-    """
+    """Writes what each robot would do alone, [N, 4]: velocity, m/s; way to go, m; 1 in its slot."""
     n, payload, direction, ground = robots.shape[0], search.payload, search.direction, search.ground
     slots, forces = np.empty((MAX_SLOTS, 4)), np.empty(n)
     k = _update_plan(robots, search, memory, slots)
@@ -155,11 +146,10 @@ def write_aims(
 def act_copies(
     all_robots: Double, bodies: Double, setup: PushSetup, maps: Maps, memory: Int, out: Double
 ) -> None:
-    """Writes the velocity of every robot of all copies.
+    """Writes the velocity of every robot of all copies, m/s, [E, N, 2].
 
-    `all_robots`: columns x, y, vx, vy, goal x, goal y, [E, N, 6]. `bodies`: columns
-    `state_layout.BODY`, [E, 7]. `memory`: faces, number of slots, whether the robots push, slots of
-    the robots, [E, 4 + N]. `out`: written, m/s, [E, N, 2].
+    `all_robots`: columns x, y, vx, vy, goal x, goal y, [E, N, 6]. `memory`: faces, number of slots,
+    whether the robots push, slots of the robots, [E, 4 + N].
     """
     n_robots, radii, rule = all_robots.shape[1], setup.radii, (AVOIDANCE_HORIZON, ROBOT_GAP)
     planes = np.empty((maps.primitives.shape[1] + 5 + 2 * n_robots, 4))
@@ -210,9 +200,7 @@ def _payload_of(spec: TaskSpec) -> Payload:
 
 
 class TransportController(Controller):
-    """Makes holonomic robots push a payload together.
-
-    It knows more than the robots observe: the map and the positions and velocities of all.
+    """Makes holonomic robots push a payload together; it knows the map and all robots.
 
     Args:
         spec: the task.

@@ -1,19 +1,13 @@
 """The controller a warehouse engineer would write: traffic rules, brakes, and a right of way.
 
-In each step, each robot independently:
+Each robot steers at a point of its route, takes the safe velocity nearest to that (`traffic`), and
+makes all the room for what a robot with a lower number wants: of each pair one has the right of
+way, so that none wait for each other for ever.
 
-1. steers at a point of its route, at full speed;
-2. takes the safe velocity nearest to that (`traffic`);
-3. gives way. Where tracks cross and where robots turn round, two robots that each avoid half can
-   wait for each other for ever. So besides its half, a robot makes all the room for the velocity
-   that a robot with a lower number wants: of each pair one always has the right of way.
-
-Routes: where two robots fit abreast in an aisle, each takes the shortest path
-(`floor_plan.best_lane`) on the right-hand track of each corridor and lane, a quarter of its width
-from the middle. In narrower aisles traffic is one-way, in the middle, so that robots never meet
-head-on: to the right in odd aisles, to the left in even ones. A robot enters by the last lane
-before its target, leaves by the next lane in the aisle's direction, and changes lanes through the
-front.
+Where two robots fit abreast in an aisle, routes are shortest paths (`floor_plan.best_lane`) on
+right-hand tracks, a quarter of the width from the middle. Narrower aisles are one-way: odd ones to
+the right, even ones to the left. A robot enters by the last lane before its target, leaves by the
+next one in the aisle's direction, and changes lanes through the front.
 """
 
 import math
@@ -106,11 +100,7 @@ def steer(x: float, y: float, target: tuple[float, float], roads: Roads) -> tupl
 
 
 def roads_of(spec: TaskSpec) -> Roads:
-    """The roads on the floor plan of a spec.
-
-    Raises:
-        SpecError: the spec is another task's.
-    """
+    """The roads on the floor plan of a spec; one of another task raises a `SpecError`."""
     rules, radius = spec.rules_as(WarehouseRules), max(robot.radius for robot in spec.robots)
     widths = np.array([rules.front, rules.aisle_width, rules.lane_width])
     offsets = np.minimum(widths / 4, widths / 2 - radius - STANDOFF_GAP)
@@ -123,10 +113,9 @@ def roads_of(spec: TaskSpec) -> Roads:
 def act_copies(
     all_robots: Double, team: Team, half: Double, layouts: Float, roads: Roads, out: Double
 ) -> None:
-    """Writes the commands of all robots of all copies.
+    """Writes the commands of all robots of all copies, in [-1, 1], [E, N, 2].
 
-    `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8]. `out`: written, in
-    [-1, 1], [E, N, 2].
+    `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8].
     """
     limits, n_robots = team.limits, all_robots.shape[1]
     aims = np.empty((n_robots, 3))
@@ -145,12 +134,7 @@ def act_copies(
 class WarehouseController(TrafficController):
     """Drives on routes of the floor plan, with a right of way.
 
-    Args:
-        spec: the task.
-        noise: standard deviation of the Gaussian noise on each command.
-
-    Raises:
-        SpecError: `noise` is not a standard deviation, or the spec is another task's.
+    Arguments and errors are those of `Scripted`; a spec of another task is refused too.
     """
 
     def __init__(self, spec: TaskSpec, *, noise: float = 0.0) -> None:
