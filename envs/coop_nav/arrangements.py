@@ -1,18 +1,13 @@
 """Fixed layouts that are hard to plan in: antipodal swap, doorway swap, corridor, lanes.
 
-Only small jitters (and the rotation of a swap) depend on the episode's seed. Each arrangement is
-symmetric, and a robot's goal is the mirror image of its start, so that robots swap places. Starts
-and goals keep the distances of `spec.spawn` by construction; `spec.obstacles` does not apply, and
-its counts must be 0.
+Only small jitters (and the rotation of a swap) depend on the episode's seed. A robot's goal is the
+mirror image of its start, so that robots swap places. Starts and goals keep the distances of
+`spec.spawn` by construction; the counts of `spec.obstacles` must be 0.
 
 Swap: robot k starts at `circle_radius` (cos, sin)(2 pi k / N), jittered and then rotated; its goal
-is opposite, (-x, -y); there are no obstacles.
-Doorway: even robots start left and odd ones right of a wall along y with a door at the origin; the
-goal of (x, y) is (-x, y), so that few straight paths are free.
-Corridor: the same with a passage along x between two solid blocks.
-Lanes: the same with two parallel passages, in each of which one robot fits: teams get through only
-if each takes a lane of its own. Ranks: unassigned goals, in a module of its own (`ranks`). Maps:
-walls on a grid with random starts and goals (`grid_map`).
+is opposite, (-x, -y). In the others even robots start left and odd ones right, with goals (-x, y),
+of a wall with a door at the origin (doorway), of a passage along x between two solid blocks
+(corridor), or of two such passages, in each of which one robot fits (lanes).
 """
 
 import math
@@ -60,11 +55,9 @@ def _place(
     copies: Int,
     robots: Float,
 ) -> None:
-    """Implements `Place`.
+    """Implements `Place`; `anchors` [N, 2] are starts without jitter, m.
 
-    `anchors`: [N, 2] starts without jitter, m. `jitter`: m. `is_turned`: starts are rotated, and
-    goals are opposite; else goals are mirrored in x. `has_heading`: [N] whether a heading is drawn.
-    `seeds`, `copies`, `robots`: see `Place`.
+    If `is_turned`, starts are rotated, and goals are opposite; else goals are mirrored in x.
     """
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
@@ -139,10 +132,9 @@ def _margins(spec: TaskSpec) -> tuple[float, float, float]:
 
 
 def unit_circle(n: int) -> Double:
-    """Returns the corners of a regular polygon, counterclockwise from (1, 0), [n, 2].
+    """The corners of a regular polygon, counterclockwise from (1, 0), [n, 2].
 
-    They are computed by Taylor series, since the last bit of the standard library's sine differs
-    between platforms.
+    By Taylor series: the last bit of the standard library's sine differs between platforms.
     """
     corners = np.empty((n, 2))
     for k in range(n):
@@ -229,11 +221,7 @@ LANE_MARGIN = 0.1  # smallest excess width (m) of a lane over the robot that mus
 
 
 def lane_boxes(spec: TaskSpec, lanes: Lanes) -> Float:
-    """Returns the box above the upper lane, the one below the lower, and the median, [3, 8].
-
-    Raises:
-        SpecError: the lanes are too narrow or too wide, overlap or do not fit into the arena.
-    """
+    """The box above the upper lane, the one below the lower, and the median, [3, 8]."""
     diameter = 2.0 * max(robot.radius for robot in spec.robots)
     if not diameter + LANE_MARGIN <= lanes.width < 2.0 * diameter:
         raise SpecError(
@@ -258,20 +246,7 @@ def lane_boxes(spec: TaskSpec, lanes: Lanes) -> Float:
 def lane_starts(
     spec: TaskSpec, lanes: Lanes, radius: float, clearance: float, separation: float
 ) -> Double:
-    """Returns the starts of the two teams, one behind the other along x, [N, 2].
-
-    Even robots start on the left and odd ones on the right, in the rows `lanes.rows`.
-
-    Args:
-        spec: the task.
-        lanes: its arrangement.
-        radius: of the largest robot, m.
-        clearance: between a robot and everything, m.
-        separation: between robots, m.
-
-    Raises:
-        SpecError: the teams do not fit.
-    """
+    """Starts of the two teams, one robot behind the other along x, in `lanes.rows`, [N, 2]."""
     margin = radius + clearance + lanes.jitter
     step = 2.0 * radius + separation + 2.0 * lanes.jitter
     deep = (spec.arena.width - lanes.length) / 2 - 2.0 * margin

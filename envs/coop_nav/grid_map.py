@@ -1,7 +1,7 @@
 """Maps of square cells: walls as few boxes, and starts and goals anywhere between them.
 
-Robots and goals are in the largest connected part of the free cells; all other cells are walls, so
-that every goal can be reached from every start if a robot fits through a cell.
+Cells outside of the largest connected part of the free ones are walls, so that every goal can be
+reached from every start if a robot fits through a cell.
 """
 
 from collections.abc import Sequence
@@ -20,11 +20,6 @@ CELL_MARGIN = 0.1  # smallest excess width (m) of a cell over a robot with its c
 
 def walls_on_map(spec: TaskSpec, rows: Sequence[str], cell: float) -> Float:
     """Returns the walls of a map, [M, 8], between which a spec's robots start.
-
-    Args:
-        spec: the task.
-        rows: of the map, the first at the top; `.` is free.
-        cell: side of a cell, m.
 
     Raises:
         SpecError: the spec has other obstacles or another arena, or robots do not fit.
@@ -55,7 +50,7 @@ def walls_on_map(spec: TaskSpec, rows: Sequence[str], cell: float) -> Float:
 
 
 def largest_part(rows: Sequence[str]) -> Bool:
-    """Returns which cells are in the largest connected part of the free ones, [rows, columns].
+    """Which cells are in the largest connected part of the free ones, [rows, columns].
 
     Cells are connected where they share a side; of parts of one size, the first counts.
     """

@@ -1,10 +1,9 @@
 """Arrangement `ranks`: unassigned goals that two rules share out in incompatible ways.
 
-Rule x gives robot i the i-th goal from the left, rule y the i-th goal from the bottom. Each of them
-covers all goals. Rule y sends robot i to the goal that rule x gives robot c(i), and `order` has to
-be such that c is one cycle through all robots. Then robots that mix the rules never cover all
-goals: if the robots S follow rule y and the others rule x, all goals are covered only if c(S) = S,
-and a cycle leaves no set unchanged but the empty and the full one.
+Rule x gives robot i the i-th goal from the left, rule y the i-th goal from the bottom, which is the
+one that rule x gives robot c(i). `order` has to make c one cycle through all robots. If the robots
+S follow rule y and the others rule x, all goals are covered only if c(S) = S, and a cycle leaves no
+set unchanged but the empty and the full one: robots that mix the rules never cover all goals.
 """
 
 from collections.abc import Callable

@@ -1,7 +1,7 @@
 """Unassigned goals of `coop_nav`: which robot covers which goal, rewards, and observations.
 
-A goal is covered while a robot is within the goal radius. Goals are more than two radii apart, so a
-robot covers at most one, and N robots cover N goals only if each covers a different one.
+A goal is covered while a robot is within the goal radius, `radius`. Goals are more than two radii
+apart, so a robot covers at most one.
 """
 
 import math
@@ -52,10 +52,7 @@ def _holders(state: Float, n: int, radius: float, holders: Int) -> int:
 
 @kernel
 def _aim(state: Float, n: int, holders: Int) -> None:
-    """Writes each robot's target: the nearest goal that it covers itself or that no robot covers.
-
-    There always is one, since the N - 1 other robots cover at most one goal each.
-    """
+    """Writes each robot's target: the nearest goal that no other robot covers."""
     for i in range(n):
         nearest, target = math.inf, 0
         for k in range(n):
@@ -76,10 +73,7 @@ def fill_distances(state: Float, n: int, out: Double) -> None:
 
 @kernel
 def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
-    """Turns the targets of newly spawned states into unassigned goals, in the rows `copies`.
-
-    `states`: goals and targets are written, [E, S].
-    """
+    """Turns the targets of newly spawned states into unassigned goals, in the rows `copies`."""
     holders = np.empty(n, np.int64)
     for b in copies:
         for i in range(n):
@@ -101,7 +95,7 @@ def score_coverage(
 ) -> None:
     """Writes targets, the task's own terms, and whether all goals are covered, in active copies.
 
-    `scratch`: overwritten: costs [N, N], and the memory of `assignment.assign`.
+    `scratch` is overwritten: costs [N, N], and the memory of `assignment.assign`.
     """
     n = terms.shape[1]
     costs, work, places = scratch

@@ -97,8 +97,7 @@ def advance(
 ) -> None:
     """Completes the states of the active copies and scores them.
 
-    `states`: [E, S] robots are those after the step; targets and extras are written. `rule`:
-    tolerance, m, and steps in formation that solve the task. A plain tuple, since named ones are
+    `rule`: tolerance, m, and steps in formation that solve the task; plain, since named tuples are
     slower to pass.
     """
     tolerance, needed = rule
@@ -113,10 +112,7 @@ def advance(
 
 @kernel
 def write_formation_features(states: Float, active: Bool, n: int, out: Float) -> None:
-    """Writes the task's features of every robot in the active copies.
-
-    `out`: written; 8 features and 2 for each preview, [E, N, F].
-    """
+    """Writes 8 features of every robot in active copies, and 2 for each preview, [E, N, F]."""
     n_previews = (out.shape[2] - 8) // 2
     for b in range(states.shape[0]):
         if not active[b]:

@@ -1,15 +1,13 @@
 """Episodes of `formation`: a path, obstacles beside it that block some slots, then robots.
 
-Every episode satisfies these conditions, checked every `PATH_CHECK_STRIDE` control steps:
+In every episode, checked every `PATH_CHECK_STRIDE` control steps:
 
 - all slots are inside the walls, and none moves faster than `MAX_SLOT_SPEED_SHARE` of the slowest
   robot's speed;
 - the reference's path keeps `path_clearance` from every obstacle;
-- a slot is blocked where a robot in it would touch an obstacle. The share of the horizon (or of one
-  segment of the path, if that is longer) in which at least one slot is blocked is within `blocked`;
-  for the rest of the time, the formation is possible;
-- bounding circles of obstacles keep their gap from each other and from the walls, as in `spawn`, so
-  that a robot can pass between them;
+- in a share of the horizon (or of one segment of the path, if that is longer) within `blocked`, at
+  least one slot is blocked: a robot in it would touch an obstacle;
+- bounding circles of obstacles keep their gap from each other and from the walls, as in `spawn`;
 - robots start at rest, apart, in free space, at most `start_spread` outside the square around the
   slots.
 """
@@ -205,8 +203,7 @@ def _draw(
 ) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
 
-    `points`: where the control points begin in a state. `states`: [E, S] robots at rest and control
-    points are written.
+    `points`: where the control points begin in a state.
     """
     state, n = np.empty(1, np.uint64), plan.spawn.radii.shape[0]
     poses = np.empty((plan.checks.shape[0], 4))
@@ -226,14 +223,7 @@ def _draw(
 def draw_episodes(
     plan: EpisodePlan, seeds: Seeds, copies: Int, layouts: Float, states: Float
 ) -> None:
-    """Draws obstacles, starts, headings and control points of the episodes `seeds`.
-
-    Args:
-        plan: of the spec.
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        layouts: written, [E, M, 8].
-        states: robots and, at the end of a row, control points are written, [E, S].
+    """Draws obstacles, robots and, at the end of a row, control points of the episodes `seeds`.
 
     Raises:
         SpawnError: no episode was found in `spawn.max_attempts` attempts, though one may exist.

@@ -1,13 +1,12 @@
 """The smooth path of a formation's reference: a uniform cubic B-spline over drawn control points.
 
-Segment k of the path depends on control points k to k + 3 and takes `segment_time`. With the edges
-e = p[k+1] - p[k] of the control polygon, the path has three properties by construction (Farin,
-"Curves and Surfaces for CAGD", 5th edition, 2002, chapter 8; its derivative is a quadratic
-B-spline over e / segment_time):
+Segment k depends on control points k to k + 3 and takes `segment_time`. With the edges
+e = p[k+1] - p[k] of the control polygon (Farin, "Curves and Surfaces for CAGD", 5th edition, 2002,
+chapter 8; its derivative is a quadratic B-spline over e / segment_time), the path
 
-- it stays in the convex hull of its control points, and so in any box that contains them;
-- it is never faster than the longest edge / `segment_time`;
-- position, velocity and acceleration are continuous. Edges turn by less than a right angle, so the
+- stays in the convex hull of its control points, and so in any box that contains them;
+- is never faster than the longest edge / `segment_time`;
+- has continuous position, velocity and acceleration. Edges turn by less than a right angle, so the
   velocity is never zero, and its direction, the heading, is smooth too.
 
 It uses only polynomials and square roots, so that the bits are the same on every platform.
@@ -47,9 +46,8 @@ class PathPlan(NamedTuple):
 def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float, float, float]:
     """Returns a path's position, and its first and second derivative by `s`.
 
-    `row`: ends with the control points x, y, x, y, ..., m, [first + 2 K]. `first`: index of the
-    first control point. `s`: segments from the start, at least 0; beyond the end, the last segment
-    is extrapolated.
+    A row ends with the control points x, y, x, y, ..., m, of which `first` is the first index. `s`:
+    segments from the start, at least 0; beyond the end, the last segment is extrapolated.
     """
     k = min(int(s), (row.shape[0] - first) // 2 - 4)
     u = s - k
@@ -75,11 +73,7 @@ def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float
 
 @kernel
 def write_pose(row: Float, first: int, s: float, out: Float | Double, at: int) -> None:
-    """Writes position (m) and heading (unit vector) of the reference to `out[at : at + 4]`.
-
-    `row`: as in `spline`. `first`: as in `spline`. `s`: segments from the start. `out`: written;
-    may be `row`. `at`: where.
-    """
+    """Writes position (m) and heading of the reference to `out[at : at + 4]`."""
     x, y, dx, dy, _, _ = spline(row, first, s)
     scale = 1.0 / math.sqrt(dx * dx + dy * dy)
     out[at], out[at + 1], out[at + 2], out[at + 3] = x, y, dx * scale, dy * scale
@@ -91,8 +85,7 @@ def write_motion(
 ) -> None:
     """Writes position (m), velocity (m/s), heading and turn rate (rad/s), 7 numbers.
 
-    The turn rate is that of the velocity's direction, (v x a) / |v|^2. Arguments are those of
-    `write_pose`, and segments per second.
+    The turn rate is that of the velocity's direction, (v x a) / |v|^2; `rate`: segments per second.
     """
     x, y, dx, dy, ddx, ddy = spline(row, first, s)
     square = dx * dx + dy * dy
@@ -104,12 +97,10 @@ def write_motion(
 
 @kernel
 def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
-    """Draws a path on which no slot is too fast; returns False if it found none.
+    """Draws a path on which no slot is too fast, x, y, x, y, ..., m, [2 K]; False if it found none.
 
-    This is a random walk in the box that never gets stuck: after every edge, a loop of the sharpest
-    turns to one side still fits. Where no random edge does, the walk takes the loop's next edge.
-
-    `points`: written, control points x, y, x, y, ..., m, [2 K].
+    This random walk in the box never gets stuck: after every edge, a loop of the sharpest turns to
+    one side still fits. Where no random edge does, the walk takes the loop's next edge.
     """
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)
@@ -141,10 +132,9 @@ def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
 def fits(
     x: float, y: float, ux: float, uy: float, plan: PathPlan, n_edges: int, side: float
 ) -> bool:
-    """Whether a point, and the shortest edges with the sharpest turns after it, are in the box.
+    """Whether a point (m), and the shortest edges with the sharpest turns after it, are in the box.
 
-    `x`: point, m. `y`: point, m. `ux`, `uy`: direction of the edge that led to it, unit vector.
-    `n_edges`: number of edges after the point. `side`: 1 to turn left, -1 to turn right.
+    (ux, uy) is the direction of the edge that led to it; `side`: 1 to turn left, -1 to turn right.
     """
     edge = MIN_EDGE_SHARE * plan.longest
     for _ in range(n_edges):

@@ -41,11 +41,7 @@ def slot_offsets(rules: FormationRules, n: int) -> Double:
 
 
 def check_slots(rules: FormationRules, radii: Double) -> None:
-    """Checks that robots with these radii, m, [N], fit in neighbouring slots.
-
-    Raises:
-        SpecError: robots in neighbouring slots could be too close.
-    """
+    """Raises a `SpecError` if robots with these radii [N] could be too close in their slots."""
     need = float(np.sort(radii)[-2:].sum()) + MIN_SLOT_GAP
     if len(radii) > 1 and rules.spacing < need:
         raise SpecError(

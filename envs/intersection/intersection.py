@@ -78,11 +78,7 @@ class StartPlan(NamedTuple):
 
     @classmethod
     def of(cls, spec: TaskSpec, junction: Junction) -> Self:
-        """Returns the plan of a spec.
-
-        Raises:
-            SpecError: the arms are too short for so many robots.
-        """
+        """The plan of a spec; raises a `SpecError` if the arms are too short for the robots."""
         radii = np.array([robot.radius for robot in spec.robots])
         gap = spec.spawn.start_separation + 2 * START_JITTER
         n_rows = -(-spec.n_agents // N_ARMS)
@@ -164,10 +160,7 @@ def due_time(seed: np.uint64, robot: int, trip: int, headway: float) -> float:
 
 @kernel
 def start_trips(seeds: Seeds, copies: Int, entries: Double, headway: float, states: Float) -> None:
-    """Gives the robots, which are at their starts, their first trips.
-
-    `states`: targets and extras are written, [E, S].
-    """
+    """Gives the robots, which are at their starts, their first trips."""
     for c in range(copies.shape[0]):
         row = states[copies[c]]
         n = row.shape[0] // (N_COLUMNS + N_EXTRAS)

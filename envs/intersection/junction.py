@@ -51,7 +51,7 @@ class Junction:
 
     @classmethod
     def of(cls, spec: TaskSpec) -> "Junction":
-        """Lays out the intersection that `spec` describes.
+        """Lays out the intersection of a spec.
 
         Raises:
             SpecError: the spec is another task's, or leaves no room for arms or robots.
@@ -112,10 +112,8 @@ def next_corner(
 ) -> tuple[float, float]:
     """Returns the point to drive to next: the target, or where the path turns before it.
 
-    A robot in an arm drives along it, before it turns into one that crosses it.
-
-    `x`: m; with noise, a robot may believe that it is inside a corner. `y`: m. `target_x`: m; a
-    gate. `target_y`: m. `half_width`: of an arm, m.
+    A robot in an arm drives along it, before it turns into one that crosses it. With noise, it may
+    believe that it is inside a corner.
     """
     if abs(y) > half_width and abs(target_x) > half_width:
         return x, target_y

@@ -55,12 +55,9 @@ class Backend(Protocol):
     """
 
     def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
-        """Starts new worlds in `copies`, from which their history must not show in any bit.
+        """Starts new worlds in `copies`, [C], from which their history must not show in any bit.
 
-        Args:
-            copies: rows to reset, [C].
-            layouts: obstacles of all copies, [E, M, 8].
-            moving: in these copies.
+        `layouts` are those of all copies, `moving` is in these copies.
         """
         ...
 

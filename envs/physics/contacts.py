@@ -1,8 +1,7 @@
 """Contact events from positions: a contact begins at overlap and ends at separation.
 
-Munk2D reports a contact exactly when bodies overlap after a step, and finding the overlap here is
-100 times cheaper than through its callbacks. Overlaps are at most a few millimetres deep
-(`impacts`; "Contacts" in docs/measurements.md).
+Munk2D reports a contact exactly when bodies overlap after a step; finding that here is 100 times
+cheaper than through its callbacks. Overlaps are at most a few millimetres deep (`impacts`).
 """
 
 import math
@@ -79,13 +78,10 @@ def update_contacts(
     slack: Double,
     events: Counts,
 ) -> None:
-    """Updates the contacts of one copy and adds to its events.
+    """Updates the contacts of one copy, of its pairs of robots and with obstacles and walls.
 
-    `positions`: [N, any] the first two columns, m. `robots`: read and written, [N, N] upper
-    triangle. `obstacles`: [N, M + 4] read and written. `slack`: read and written, [N, 3]: the
-    position at which a robot's gap to everything static was last computed, and that gap (m). A
-    robot that has moved less cannot touch anything static. `events`: added to, [N, 4] columns
-    `types.EVENTS`; onsets count for both robots of a pair.
+    `slack` as in `backend.Contacts`: a robot that has moved less cannot touch anything static.
+    Events [N, 4] are added to; onsets count for both robots of a pair.
     """
     _robot_contacts(positions, radii, robots, events)
     for i in range(positions.shape[0]):

@@ -2,26 +2,21 @@
 
 A holonomic robot accelerates in any direction; the acceleration that a command asks for is held for
 the control step. A unicycle drives along its heading and turns. Its wheels have grip, which removes
-sideways velocity in every physics step, up to a limit. So the constraint holds between control
-steps too, where a push or a turn would violate it. With little grip, wheels slip: they spin where
-motors push harder, and the robot skids where it turns. The limit is that of both together, but for
-wheels with the usual grip, of which each holds along and across apart (`USUAL_GRIP`).
+sideways velocity in every physics step, up to a limit; with little grip, they spin and skid. The
+limit is that of both together, but for wheels with the usual grip, of which each holds along and
+across apart (`USUAL_GRIP`).
 
-Commands are in [-1, 1] and scaled by the robot's limits. Holonomic: a velocity (or acceleration),
-its norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate; of a differential
-drive, both are scaled down where a wheel would be too fast (`Robot.command_norm`).
+Commands in [-1, 1] are scaled by the robot's limits. Holonomic: a velocity (or acceleration), its
+norm clipped to 1. Unicycle: forward speed (or acceleration), and turn rate; of a differential
+drive, both are scaled down where a wheel would be too fast (`Robot.command_norm`). A robot that is
+pushed may exceed `max_speed`, by up to 17 % ("Contacts" in docs/measurements.md).
 
-The limits apply to commands only. A robot that is pushed may exceed `max_speed`, by up to 17 %
-("Contacts" in docs/measurements.md).
-
-Between a command and the motors are a delay and a lag of first order. A command takes effect
-`command_delay` control steps late; until the first one arrives, robots are told to stand still
-(0, 0). The motors' command u then follows the one that has arrived, c:
+A command takes effect `command_delay` control steps late, (0, 0) until then. The motors' command u
+then follows the one that has arrived, c, with u = 0 at the start:
 
     u <- u + (1 - exp(-dt / lag)) (c - u)
 
-the exact solution of lag du/dt = c - u over a step, with u = 0 at the start. It holds in every
-simulator, since `drive` takes u as the command.
+the exact solution of lag du/dt = c - u over a step, in every simulator: `drive` takes u.
 """
 
 import math
@@ -81,11 +76,8 @@ def begin_step(
 ) -> int:
     """Finds the active copies, clips their commands, and begins their step.
 
-    `active`: [E] written: the copies that have not ended. `commands`: [E, N, 2] written. `actions`:
-    [E, N, A] the first two columns are commands. `terminations`: [E] of the step before.
-    `truncations`: [E] of the step before. `old_times`: [E] of the step before. `old_states`: [E, S]
-    of the step before. `times`: [E] written: the old times, plus one in active copies. `states`:
-    [E, S] written: the old states. `events`: [E, N, 4] written: zeros.
+    `actions` [E, N, A] begin with commands. Flags and `old_...` are those of the step before; all
+    else is written, as the step begins.
 
     Returns:
         The number of active copies; -1 if an action of one of them is not finite.
@@ -141,10 +133,7 @@ def _holonomic(robot: Double, command: Double, limit: Double, dt: float) -> tupl
 
 @kernel(inline="always")
 def _turn(robot: Double, angle: float) -> None:
-    """Turns the heading by 2 atan(angle / 2), which differs from `angle` by about angle^3 / 12.
-
-    This Cayley transform needs no sine, so the bits are the same on every platform.
-    """
+    """Turns the heading by 2 atan(angle / 2), by about angle^3 / 12 less; this needs no sine."""
     t = 0.5 * angle
     scale = 1.0 / (1.0 + t * t)
     cos, sin = (1.0 - t * t) * scale, 2.0 * t * scale
@@ -182,11 +171,10 @@ def drive(
     k: int,
     out: Double,
 ) -> None:
-    """Writes the accelerations of one copy's robots in physics step `k` of a control step.
+    """Writes the accelerations of one copy's robots in physics step `k` of a control step, m/s^2.
 
-    `robots`: [N, 6] columns x, y, vx, vy, ux, uy; headings are turned. `commands`: [N, 2] clipped.
-    `k`: number of the physics step, from 0. `out`: m/s^2, [N, 2]; kept for holonomic robots after
-    the first physics step.
+    Headings of `robots`, columns x, y, vx, vy, ux, uy, are turned. `commands` [N, 2] are clipped.
+    `out` [N, 2] is kept for holonomic robots after the first physics step.
     """
     for i in range(robots.shape[0]):
         if limits[i, UNICYCLE] == 1.0:
@@ -209,8 +197,7 @@ def _follow(
     """Replaces the commands of the active copies by those that reach the motors.
 
     `delays`: [E, N] control steps. `shares`: [E, N] 1 - exp(-dt / lag). `given`: [E, D + 1, N, 2]
-    the last commands, a ring over time. `motors`: [E, N, 2] commands of the motors, read and
-    written. `commands`: [E, N, 2] read and written.
+    the last commands, a ring over time. `motors`: [E, N, 2] commands of the motors.
     """
     depth = given.shape[1]
     for b in range(commands.shape[0]):

@@ -35,12 +35,7 @@ PAYLOAD_MASS, MOMENT, SLIDE_FRICTION, TURN_FRICTION = range(4)
 
 
 def episode_limits(spec: TaskSpec, seeds: Seeds) -> Double:
-    """Returns limits and bodies of the robots of some episodes, [E, N, 9].
-
-    Args:
-        spec: of the episodes.
-        seeds: of the episodes, [E].
-    """
+    """Limits and bodies of the robots of the episodes `seeds`, [E, N, 9]."""
     limits = np.tile(limits_of(spec), (len(seeds), 1, 1))
     drawn = drawn_values(spec, seeds)
     for name in COLUMNS.keys() & drawn.keys():
@@ -59,13 +54,7 @@ def payload_rows(payloads: Sequence[Payload]) -> Double:
 
 
 def episode_payloads(spec: TaskSpec, payloads: Sequence[Payload], seeds: Seeds) -> Double:
-    """Returns `payload_rows` of some episodes, [E, K, 4].
-
-    Args:
-        spec: of the episodes.
-        payloads: of the spec, K of them.
-        seeds: of the episodes, [E].
-    """
+    """`payload_rows` of the episodes `seeds`, [E, K, 4]."""
     names = PAYLOAD_RANGES.keys() & spec.randomization.ranges.keys()
     drawn = {PAYLOAD_RANGES[name]: draw(spec, name, seeds)[:, 0].tolist() for name in names}
     rows = np.empty((len(seeds), len(payloads), 4))

@@ -1,13 +1,10 @@
 """The fast backend: E Pymunk spaces stepped by one numba loop that calls Munk2D by address.
 
-For each copy in turn, while it is in the cache: set the forces, step, read the bodies, find the
-contacts. Free motion needs none of that. Where the solver has to start anew, the shapes of all
-moving bodies are removed and added again (`_restart_solver`); the first time after a reset,
-everything in the space is written (`_write_space`), so that a reset costs nothing before.
-
-Both are exact: the bits are those of a new space. So shapes are added in build order, with the id
-counter at its value in a build, while robots are at rest, since bounding boxes grow with velocity;
-the solver's hidden velocities and impulses are cleared.
+Free motion needs no space. Where the solver has to start anew, the shapes of all moving bodies are
+removed and added again (`_restart_solver`); the first time after a reset, everything in the space
+is written (`_write_space`). Both are exact: the bits are those of a new space. So shapes are added
+in build order, with the id counter at its value in a build, while robots are at rest, since
+bounding boxes grow with velocity; the solver's hidden velocities and impulses are cleared.
 """
 
 import math
@@ -265,10 +262,7 @@ def _advance(
 
 @cache
 def integrates_exactly() -> bool:
-    """Whether Munk2D moves free bodies by the same bits as `move`.
-
-    It does not where its compiler fused multiplications and additions.
-    """
+    """Whether Munk2D moves free bodies as `move` does; not if its compiler fused operations."""
     values = np.random.default_rng(0).uniform(-1.0, 1.0, (16, 8))
     robots, accelerations, dt = values[:, :6].copy(), values[:, 6:], 0.05
     space, bodies = pymunk.Space(), [pymunk.Body(1.0, math.inf) for _ in robots]

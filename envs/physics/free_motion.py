@@ -1,12 +1,10 @@
 """Free motion: a physics step in which nothing can touch needs no solver.
 
 A physics step is free if every gap, between robots and to obstacles and walls, is above
-`SEPARATION_GAP` once the robots have moved by their velocities. `move` is then all that happens:
-the operations of Munk2D's own integration, in its order. Free motion ends every contact, and the
-next other step starts with a new solver, which remembers nothing. So the world does not depend on
-what the solver did before the robots were apart, and a backend may skip the solver.
-
-Worlds with movable bodies have no free motion: the floor's friction acts on them in every step.
+`SEPARATION_GAP` once the robots have moved by their velocities. `move` does the operations of
+Munk2D's own integration, in its order. Free motion ends every contact, and the next other step
+starts with a new solver, so a world does not depend on what the solver did before. Worlds with
+movable bodies have no free motion: the floor's friction acts in every step.
 """
 
 import math
@@ -33,10 +31,7 @@ def move(robots: Double, accelerations: Double, dt: float) -> None:
 
 @kernel(inline="always")
 def write_travel_bounds(robots: Double, limits: Double, time: float, out: Double) -> None:
-    """Writes upper bounds of the distances that robots travel in free motion.
-
-    `time`: s. `out`: written, m, [N].
-    """
+    """Writes upper bounds of the ways of robots in free motion for a time (s), m, [N]."""
     for i in range(robots.shape[0]):
         speed = math.sqrt(robots[i, 2] * robots[i, 2] + robots[i, 3] * robots[i, 3])
         if limits[i, UNICYCLE] == 1.0:
@@ -73,8 +68,7 @@ def is_free(
     """Whether every gap stays above `SEPARATION_GAP`.
 
     `ahead`: s; gaps are those after robots have moved by their velocities for this time. `travel`:
-    [N] how much further they may move, m. `slack`: [N, 3] read and written,
-    `backend.Contacts.slack` of this copy.
+    [N] how much further they may move, m. `slack`, as in `backend.Contacts`, is updated.
     """
     n = robots.shape[0]
     for i in range(n):

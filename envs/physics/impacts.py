@@ -1,10 +1,8 @@
 """Impacts: a physics step ends where bodies begin to overlap, so that overlaps stay shallow.
 
-Munk2D moves bodies first and then stops those that overlap. In a step of 50 ms, two robots that
-drive at each other at 0.6 m/s would overlap by up to 60 mm before it reacts. So a step that would
-press bodies together by more than `DEEPEST_OVERLAP` is taken in parts: up to the first touch, where
-the solver stops them, then the rest. The time of the touch is found by bisection. Only the ends of
-a part are tested: what touches in between and is apart again at the end goes unnoticed.
+Munk2D moves bodies first and then stops those that overlap, in a step of 50 ms by up to 60 mm. So a
+step that would press bodies together by more than `DEEPEST_OVERLAP` is taken in parts: up to the
+first touch, found by bisection, then the rest. What touches within a part goes unnoticed.
 """
 
 import math
@@ -116,10 +114,9 @@ def time_to_impact(
     half: Double,
     slack: Double,
 ) -> float:
-    """Returns the length of the next part of a physics step, s.
+    """Returns the length of the next part of a physics step, of which `left` seconds are left, s.
 
-    `bodies`: [K, 7] movable bodies. `left`: what is left of the physics step, s. `shapes`: [K, 3]
-    shape code, half length and half width of the movable bodies.
+    `bodies`: [K, 7] movable ones. `shapes`: [K, 3] of `public_backend.shapes_of`.
     """
     if not _is_deep(robots, bodies, left, radii, shapes, layout, half, slack):
         return left

@@ -1,7 +1,6 @@
 """A backend without contacts: robots drive through each other and through everything else.
 
-It shows the least that a task needs from a simulator, and lets tests check a task's rules without
-physics. Movable bodies stay where they are.
+Movable bodies stay where they are.
 """
 
 from typing import Annotated, NamedTuple

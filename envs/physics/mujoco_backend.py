@@ -1,13 +1,9 @@
 """A second simulator: robots by the same commands as in Pymunk, contacts by MuJoCo.
 
-In every physics step, `dynamics.drive` gives the force of each robot, as in the other backends,
-and MuJoCo moves all bodies. It does so in steps of at most `mujoco_model.LONGEST_STEP`; in free
-motion, as `free_motion` defines it, in one step and without looking for contacts. Events are found
-from positions, by `contacts.update_contacts`, after every step, so a collision is defined by the
-same distances as in Pymunk.
-
-Repeated episodes have the same bits on one machine, with one version of MuJoCo. Other machines and
-versions may give others.
+`dynamics.drive` gives the force of each robot, and MuJoCo moves all bodies, in steps of at most
+`mujoco_model.LONGEST_STEP`; in free motion, in one step and without looking for contacts. Events
+are found from positions, by `contacts.update_contacts`, as in Pymunk. Repeated episodes have the
+same bits on one machine, with one version of MuJoCo.
 """
 
 import math
@@ -287,11 +283,7 @@ def _joints(plan: Plan) -> Int:
 
 
 def _check_warnings(numbers: Int) -> None:
-    """Checks that MuJoCo had room for all contacts, and did not start anew after diverging.
-
-    Args:
-        numbers: of warnings of each kind, [E, W].
-    """
+    """Checks that MuJoCo had room for all contacts, and did not diverge; `numbers` [E, W]."""
     if numbers.any():
         kinds = [mujoco.mjtWarning(k).name for k in np.flatnonzero(numbers.any(0)).tolist()]
         raise SimulationError(

@@ -1,16 +1,12 @@
 """A world as a MuJoCo model: robots on planar joints, or on wheels, among static shapes.
 
-All centres are at one height, where a sphere is a disc and a tall box a rectangle. So every gap in
-the plane is MuJoCo's own distance, and the model has the shapes of `public_backend.build_space`.
-Robots have two slide joints each: their heading is a command (`dynamics`), not a body's. Payloads
-have a third slide joint, along which gravity presses them on the floor, and a hinge. They stand on
-one foot, whose contact with the floor has the dry friction of the spec in every direction.
-
-MuJoCo's contacts are soft: bodies sink into each other before they are stopped.
-`LONGEST_STEP` bounds how deep, since a contact cannot be stiffer than a step allows.
-
-A model is compiled once. Episodes differ in numbers only, which are written into copies of it,
-with all that MuJoCo's compiler derives from them but its trees of boxes, which are switched off.
+All centres are at one height, where a sphere is a disc and a tall box a rectangle: gaps in the
+plane are MuJoCo's distances. Robots have two slide joints: their heading is a command. Payloads
+have a third, along which gravity presses them on the floor, and a hinge. They stand on one foot,
+whose contact with the floor has the dry friction of the spec. MuJoCo's contacts are soft:
+`LONGEST_STEP` bounds how deep bodies sink in, since a contact cannot be stiffer than a step allows.
+A model is compiled once; the numbers of an episode, and all that the compiler derives from them but
+its trees of boxes, which are switched off, are written into copies.
 """
 
 import copy
@@ -76,11 +72,10 @@ def steps_in(physics_dt: float) -> int:
 def _write_shapes(
     layout: Float, geoms: Int, pos: Double, quat: Double, size: Double, reach: Double, box: Double
 ) -> None:
-    """Writes obstacles to the geoms of a model.
+    """Writes obstacles to the geoms of a model, as many as each has bars, at least one.
 
-    `geoms`: their geoms, as many as each has bars, at least one. `pos`: [G, 3] m. `quat`: [G, 4].
-    `size`: [G, 3] radius or half lengths, m. `reach`: [G] of the bounding spheres, m. `box`: [G, 6]
-    bounding boxes, centre and half lengths, m.
+    Of G geoms: pos [G, 3], quat [G, 4], size [G, 3], radius of the bounding sphere, bounding box
+    [G, 6].
     """
     s = 0
     for m in range(layout.shape[0]):
@@ -135,9 +130,8 @@ class _Pushed(NamedTuple):
 class WorldModel:
     """Gives the models of a plan's episodes, which differ in numbers only.
 
-    Positions of joints are those of bodies in the world, and angles those of payloads: x and y of
-    each planar robot and `mujoco_wheels.N_POSITIONS` of each other one, then x, y, height and angle
-    of each payload.
+    Joints are x and y of each planar robot, `mujoco_wheels.N_POSITIONS` of each other one, then x,
+    y, height and angle of each payload, in the world.
     """
 
     def __init__(self, plan: Plan) -> None:
@@ -183,13 +177,9 @@ class WorldModel:
         )  # fmt: skip
 
     def write_bodies(self, model: Any, data: Any, limits: Double, payloads: Double) -> None:
-        """Writes what moves in an episode.
+        """Writes what moves in an episode; leaves `data` at its start.
 
-        Args:
-            model: written.
-            data: of this model, left at the start of an episode.
-            limits: of its robots, `dynamics.limits_of`, [N, 9].
-            payloads: `episode_bodies.payload_rows`, [K, 4].
+        `limits`: of the robots, [N, 9]. `payloads`: `episode_bodies.payload_rows`, [K, 4].
         """
         for robot, row in zip(self._robots, limits.tolist(), strict=True):
             robot.write(model, row)

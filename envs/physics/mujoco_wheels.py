@@ -1,13 +1,9 @@
 """A robot on two driven wheels and a caster, as a part of a MuJoCo model.
 
-The chassis is free in space and stands on the floor: wheels left and right of its centre, the
-caster behind, its centre of mass between them. All centres are at the height of the axle, so the
-hull is the disc of the planar robots. A wheel is a sphere, since a thin wheel touches the floor in
-a point as well. The caster has no friction.
-
-Each wheel has a motor that holds a speed (`wheel_speeds`). Motors do not know what they drive:
-their gain is that for 1 kg. What the planar robots have by definition happens here: wheels slip
-beyond `wheel_grip`, a turn takes time, a push turns the robot.
+The chassis is free in space and stands on the floor: wheels, which are spheres, left and right of
+its centre, a caster without friction behind. All centres are at the height of the axle, so the hull
+is the disc of the planar robots. Each wheel has a motor that holds a speed (`wheel_speeds`), with a
+gain for 1 kg. Wheels slip beyond `wheel_grip`, a turn takes time, a push turns the robot.
 """
 
 from typing import Any, NamedTuple
@@ -136,13 +132,7 @@ def _add_motor(model: Any, name: str, force: float) -> None:
 
 
 def start(robot: Double, positions: Double, velocities: Double) -> None:
-    """Writes the joint coordinates of a robot that starts.
-
-    Args:
-        robot: x, y, vx, vy, ux, uy, [6].
-        positions: written, [9].
-        velocities: written, [8].
-    """
+    """Writes the joint coordinates, [9] and [8], of a robot x, y, vx, vy, ux, uy that starts."""
     half = 0.5 * np.arctan2(robot[5], robot[4])
     positions[:7] = robot[0], robot[1], 0.0, np.cos(half), 0.0, 0.0, np.sin(half)
     velocities[:2] = robot[2:4]
@@ -153,11 +143,9 @@ def start(robot: Double, positions: Double, velocities: Double) -> None:
 def wheel_speeds(
     robot: Double, command: Double, limit: Double, radius: float
 ) -> tuple[float, float]:
-    """Returns the speeds of the left and right wheel (rad/s) that a unicycle's command asks for.
+    """The speeds of the left and right wheel (rad/s) that a unicycle's command asks for.
 
     They are ahead of the robot by no more than what its largest force along the floor takes.
-
-    `robot`: [6] x, y, vx, vy, ux, uy.
     """
     ahead = robot[2] * robot[4] + robot[3] * robot[5]
     top, lead = limit[SPEED], limit[ACCELERATION] * limit[MASS] * RESPONSE_TIME
@@ -172,11 +160,7 @@ def wheel_speeds(
 
 @kernel(inline="always")
 def read(positions: Double, velocities: Double, place: int, speed: int, robot: Double) -> None:
-    """Reads a robot from its joint coordinates.
-
-    `positions`: of all joints. `velocities`: of all joints. `place`: the robot's first position.
-    `speed`: the robot's first velocity. `robot`: x, y, vx, vy, ux, uy, written, [6].
-    """
+    """Reads a robot x, y, vx, vy, ux, uy from its coordinates, from `place` and `speed` on."""
     for c in range(2):
         robot[c], robot[2 + c] = positions[place + c], velocities[speed + c]
     w, x, y, z = (

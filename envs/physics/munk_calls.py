@@ -1,8 +1,6 @@
-"""Munk2D's own functions, called by address from compiled code.
+"""Munk2D's own functions, called by address from compiled code, which costs a tenth of Pymunk's.
 
-Pymunk's attribute access costs ten times more than the physics. Its compiled module exports the
-functions that it wraps, so compiled code can call them directly. They are not part of Pymunk's
-public interface: `load_addresses` tells where they cannot be called.
+They are not part of Pymunk's public interface: `load_addresses` tells where they cannot be called.
 """
 
 import sys
@@ -49,10 +47,7 @@ FLOAT64_TYPE = ir.DoubleType()
 
 
 def load_addresses() -> Int | None:
-    """Returns the addresses of `MUNK_FUNCTIONS`, or None where they cannot be called.
-
-    On Windows a vector is passed in another way than here.
-    """
+    """The addresses of `MUNK_FUNCTIONS`, or None where they cannot be called, as on Windows."""
     if sys.platform == "win32" or sys.maxsize < 2**32:
         return None
     try:
