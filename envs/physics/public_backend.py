@@ -1,8 +1,7 @@
 """Builds worlds in Pymunk, and simulates them through Pymunk's public interface only.
 
-This backend builds every space anew, at reset and after free motion. `fast_backend` does the same
-work about ten times faster through Munk2D's own functions and must give the same bits; this one
-takes over where those private names are missing.
+Every space is built anew, at reset and after free motion. `fast_backend` must give the same bits,
+ten times faster; this one takes over where the private names that it needs are missing.
 """
 
 import atexit
@@ -38,12 +37,10 @@ SOLVER_ITERATIONS = 10
 
 @kernel
 def bars(row: Float, out: Double) -> int:
-    """Writes the corners of the obstacle's bars, counter-clockwise; returns how many bars it has.
+    """Writes the corners of the obstacle's bars, counter-clockwise, m, [3, 4, 2]; returns how many.
 
     The first corner is the one with the smallest x, then y: the order that Munk2D's convex hull
     gives, so that a shape built by hull and one written in place have the same vertices.
-
-    `row`: one obstacle, columns `geometry.OBSTACLE`, [8]. `out`: written, m, [3, 4, 2].
     """
     x, y, ux, uy = float(row[1]), float(row[2]), float(row[3]), float(row[4])
     a, b, t = float(row[5]), float(row[6]), float(row[7])
@@ -85,11 +82,7 @@ def shapes_of(plan: Plan) -> Double:
 def _movable(
     space: pymunk.Space, payload: Payload, row: list[float], pose: list[float]
 ) -> pymunk.Shape:
-    """Adds a body that slides on the floor; returns its shape, which is not in the space yet.
-
-    Dry friction with the floor is modelled by two joints of limited force, which the solver weighs
-    against the contacts: a push weaker than the friction moves nothing.
-    """
+    """Adds a body, whose friction is two joints of limited force; returns its shape, not added."""
     body = pymunk.Body(row[PAYLOAD_MASS], row[MOMENT])
     body.position, body.angle = (pose[0], pose[1]), math.atan2(pose[5], pose[4])
     slide = pymunk.PivotJoint(space.static_body, body, (0, 0), (0, 0))
@@ -128,13 +121,7 @@ def build_space(
 ) -> tuple[pymunk.Space, list[pymunk.Body]]:
     """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
 
-    Args:
-        plan: the obstacles and bodies of the world.
-        layout: obstacles, [M, 8].
-        robots: [N, 6].
-        movables: [K, 7].
-        limits: `dynamics.limits_of`, [N, 9].
-        payloads: `episode_bodies.payload_rows`, [K, 4].
+    `payloads` are `episode_bodies.payload_rows`, [K, 4], of the movables [K, 7].
 
     Returns:
         The space, and the bodies of robots and movables.
@@ -244,11 +231,7 @@ class PublicBackend:
             update_contacts(robots, self._radii, layout, self._half, *contacts, events)
 
     def _solver(self, b: int, part: float) -> tuple[pymunk.Space, list[pymunk.Body]]:
-        """Returns the space of a copy for a step of `part` seconds.
-
-        Munk2D scales the impulses of its last step by the ratio of the lengths of steps, which is
-        wrong for impacts. So it starts anew where the length changes.
-        """
+        """The space of a copy; anew where the length of steps, which scales impulses, changes."""
         space, bodies = self._worlds[b] or self._new_world(b)
         if space.current_time_step not in (0.0, part):
             if self._plan.movables:  # a new space would not have the impulses of joints

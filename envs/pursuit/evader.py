@@ -115,11 +115,8 @@ def slide(
 ) -> tuple[float, float]:
     """Where a disc comes to that moves by (dx, dy), along obstacles and walls in its way.
 
-    `x`, `y`: of its centre, m, where it is free. `dx`, `dy`: m; less than the radius, or it may
-    pass through bars.
-
-    Returns:
-        A place where it is free: the place where it was, if the way round is not that simple.
+    It is free at (x, y), moves by less than its radius, and stays if the way round is not that
+    simple.
     """
     room_x, room_y = half[0] - radius, half[1] - radius
     to_x, to_y = x + dx, y + dy
@@ -156,11 +153,10 @@ def heading_value(
     layout: Float,
     model: EvaderModel,
 ) -> float:
-    """How good it is to flee along a heading; see the module.
+    """How good it is to flee along a row of `model.headings`; see the module.
 
-    `heading`: row of `model.headings`. `place`: of the evader, m. `seen`: [P, 2] places of the
-    pursuers that it sees, m. `stays`: whether these stay where they are; otherwise they drive at
-    the evader.
+    `seen`: [P, 2] places of the pursuers that it sees, m, which drive at the evader if none
+    `stays`.
     """
     time = model.lookahead / N_ROLL_STEPS
     step, reach = model.speed * time, model.pursuer_speed * time
@@ -206,9 +202,7 @@ def best_heading(
 def look_for_pursuers(
     place: tuple[float, float], robots: Double, layout: Float, model: EvaderModel, seen: Double
 ) -> tuple[int, float]:
-    """Writes the places of the pursuers that an evader sees.
-
-    `place`: of the evader, m. `robots`: [N, 2] their places, m. `seen`: [N, 2] written, m.
+    """Writes the places of the pursuers that an evader sees, m, [N, 2].
 
     Returns:
         How many it sees, and the distance to the nearest of them, m.
@@ -259,10 +253,7 @@ def move_among(
     layout: Float,
     model: EvaderModel,
 ) -> tuple[float, float]:
-    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots.
-
-    `place`: of the evader, m. `dx`, `dy`: m. `robots`: [N, 2] their places after the step, m.
-    """
+    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots [N, 2]."""
     x, y = place
     length = math.sqrt(dx * dx + dy * dy)
     n_parts = 1 + int(2.0 * length / model.radius)

@@ -107,11 +107,10 @@ def places_of(state: Float, n: int) -> Double:
 def move_evader(
     new: Float, k: int, bits: np.uint64, robots: Double, moved: Double, layout: Float, chase: Chase
 ) -> None:
-    """Moves evader k for a control step.
+    """Moves evader k for a control step, in the state `new`.
 
-    `new`: [S] the state, with the evader as before the step; changed. `robots`: [N, 2] their places
-    before the step, by which it decides, m. `moved`: [N, 2] their places after the step, to which
-    it gives way, m.
+    `robots` and `moved`: [N, 2] their places (m) before the step, by which it decides, and after
+    it, to which it gives way.
     """
     columns, model = chase.columns, chase.model
     at, u, v = columns.places + 2 * k, columns.headings + 2 * k, columns.velocities + 2 * k
@@ -308,10 +307,7 @@ class Pursuit:
         }
 
     def _time_surrounded(self, episode: Episode) -> float:
-        """Share of the steps in which a free evader is in the hull of the robots around it.
-
-        It is outside if all of them are on one side of the line through it and one of them.
-        """
+        """Share of the steps in which a free evader is in the hull of the robots around it."""
         c, states = self.columns, episode.states[1:].astype(np.float64)
         robots = robots_of(episode.states[1:], self.spec.n_agents)[:, None, :, : Y + 1]
         gaps = robots.astype(np.float64) - states[:, c.places : c.captured].reshape(

@@ -1,8 +1,6 @@
 """Episodes of `pursuit`: obstacles, robots in one corner of the arena, and evaders away from them.
 
-An episode is a pure function of its seed, with the random numbers of `numerics.random`. Obstacles
-are placed as in `spawn`. Evaders keep the distances of goals, `min_goal_distance` from every robot
-among them.
+Evaders keep the distances of goals, `min_goal_distance` from every robot among them.
 """
 
 import numpy as np
@@ -29,8 +27,7 @@ def place_robots(
 ) -> bool:
     """Draws the robots' starts in a square in a corner; returns False if one found no place.
 
-    `corner`: 0 to 3; its bits say whether it is at the right, and whether at the top. `size`: side
-    of the square, m. `starts`: [N, 2] written.
+    The two bits of `corner` say whether it is at the right, and whether at the top. `size`: m.
     """
     for i in range(plan.radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -48,10 +45,7 @@ def place_robots(
 def place_evaders(
     state: Seeds, plan: SpawnPlan, radii: Double, layout: Float, starts: Float, evaders: Float
 ) -> bool:
-    """Draws the evaders' places, away from all starts; returns False if one found none.
-
-    `radii`: [K] of the evaders, m. `starts`: [N, 2] of the robots, m. `evaders`: [K, 2] written, m.
-    """
+    """Draws the evaders' places, of these radii, away from all starts; False if one found none."""
     most = plan.min_goal_distance * plan.min_goal_distance
     for k in range(radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -82,10 +76,7 @@ def start_pursuits(
     layouts: Float,
     states: Float,
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
-
-    `radii`: [K] of the evaders, m.
-    """
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n, state = plan.radii.shape[0], np.empty(1, np.uint64)
     for c in range(copies.shape[0]):
         row, layout = states[copies[c]], layouts[copies[c]]

@@ -1,9 +1,8 @@
 """What each robot knows of each evader: where it saw it last, how fast, and how long ago.
 
-With an unlimited `rules.sight_range`, robots see every evader all the time, and the state has no
-columns for it. Otherwise a robot sees an evader within that range that no obstacle hides
-(`numerics.sight`). It forgets one that it has not seen for `MEMORY_TIME`, unless it saw that it was
-captured.
+Without a `rules.sight_range`, robots see every evader all the time, and the state has no columns
+for it. Otherwise a robot sees those that no obstacle hides (`numerics.sight`), and forgets one
+after `MEMORY_TIME`, unless it saw that it was captured.
 """
 
 from typing import NamedTuple, Self
@@ -98,9 +97,9 @@ def remember(
 
 @kernel
 def aim(state: Float, i: int, columns: Columns) -> bool:
-    """Sets the target of robot i: the nearest free evader that it knows, where it saw it last.
+    """Sets the target of robot i: the nearest free evader that it knows; whether it has one.
 
-    Without one, its target is where it is. Returns whether it has one.
+    Without one, its target is where it is.
     """
     r, least = N_COLUMNS * i, np.inf
     x, y = np.float64(state[r]), np.float64(state[r + 1])

@@ -1,12 +1,10 @@
 """What each robot remembers: the victims that it has seen, and the squares that it has searched.
 
-Of a victim it remembers whether it was rescued when it last saw it.
-
 The arena is divided into squares of `rules.cell_size`, the last ones of a row or column cut off by
-the wall. A robot sees a point if it is within `rules.sight_range` of the robot's centre and no
-obstacle is between them (`numerics.sight`). It has searched a square once it has seen its middle.
-Squares whose middle is in an obstacle, or too close to one for a robot, count as searched from the
-start.
+the wall. A robot sees a point within `rules.sight_range` of its centre that no obstacle hides
+(`numerics.sight`). It has searched a square once it has seen its middle; squares whose middle is
+too close to an obstacle for a robot count as searched from the start. Of a victim it remembers
+whether it was rescued when it last saw it. `middles` [C, 2] are those of the squares, m.
 """
 
 import math
@@ -128,10 +126,7 @@ def look(
 def close_cells(
     state: Float, layout: Float, middles: Double, half: Double, radius: float, columns: Columns
 ) -> None:
-    """Counts squares whose middle no robot can reach as searched by every robot.
-
-    `radius`: of the largest robot, m.
-    """
+    """Counts squares whose middle no robot can reach as searched by every robot."""
     for c in range(columns.n_cells):
         free = clearance(middles[c, 0], middles[c, 1], layout, half)
         if free < radius + MIDDLE_CLEARANCE:
@@ -143,10 +138,7 @@ def close_cells(
 def find_unsearched(
     state: Float, i: int, x: float, y: float, middles: Double, columns: Columns, out: Int
 ) -> int:
-    """Writes the squares nearest to (x, y) that robot i has not searched; returns how many.
-
-    `x`: m. `y`: m. `out`: [K] the nearest first, written.
-    """
+    """Writes the squares nearest to (x, y) that robot i has not searched, [K]; returns how many."""
     count, distances = 0, np.empty(out.shape[0])
     for c in range(columns.n_cells):
         if state[columns.searched + columns.n_cells * i + c] > 0.0:

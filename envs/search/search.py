@@ -108,10 +108,7 @@ def start_searches(
     layouts: Float,
     states: Float,
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
-
-    `victim_radii`: [K] radius that each victim's place needs, m.
-    """
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n, state = plan.radii.shape[0], np.empty(1, np.uint64)
     for c in range(copies.shape[0]):
         row, layout = states[copies[c]], layouts[copies[c]]
@@ -169,7 +166,10 @@ def serve_searches(
     terms: Float,
     solved: Bool,
 ) -> None:
-    """Lets robots look and rescue in the active copies, and scores the step."""
+    """Lets robots look and rescue in the active copies, and scores the step.
+
+    `rules`: sight range, m; goal radius, m; helpers.
+    """
     sight_range, goal_radius, helpers = rules
     n = terms.shape[1]
     for b in range(before.shape[0]):

@@ -84,10 +84,7 @@ def score_tags(
     terms: Float,
     solved: Bool,
 ) -> None:
-    """Captures evaders in the active copies, sets targets, and scores the step.
-
-    `captors`: pursuers that capture.
-    """
+    """Captures evaders in the active copies, sets targets, and scores the step."""
     last = terms.shape[1] - 1
     for b in range(before.shape[0]):
         if not active[b]:

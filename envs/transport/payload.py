@@ -1,7 +1,6 @@
 """Gaps between a payload and robots, obstacles and walls, computed from states.
 
-A payload is a moving obstacle: written as a row of a layout (`geometry.OBSTACLE`), it works with
-the distance functions of `geometry`. Only `+ - * /` and `sqrt` in float64 are used.
+A payload is a moving obstacle, and works as a row of a layout (`geometry.OBSTACLE`, `place_row`).
 """
 
 import math
@@ -37,10 +36,7 @@ def payload_radius(payload: Payload) -> float:
 
 @kernel(inline="always")
 def place_row(body: Float, shape: Shape, row: Float) -> None:
-    """Writes the payload as a row of a layout.
-
-    `row`: written, columns `geometry.OBSTACLE`, [8].
-    """
+    """Writes the payload as a row of a layout, [8]."""
     row[0], row[5], row[6] = shape
     row[1], row[2], row[3], row[4], row[7] = body[0], body[1], body[4], body[5], 0.0
 
@@ -57,12 +53,10 @@ def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
 
 @kernel
 def obstacle_gap(row: Float, obstacle: Float) -> float:
-    """Gap (m) between a payload and an obstacle, 0 where they overlap.
+    """Gap (m) between a payload and an obstacle, rows of layouts, 0 where they overlap.
 
     Exact while the overlap is shallow: of two convex shapes that are apart or just touch, one of
     the nearest points is a corner, or lies on a circle, whose centre is tested instead.
-
-    `row`: the payload, from `place_row`, [8]. `obstacle`: columns `geometry.OBSTACLE`, [8].
     """
     if row[0] == CIRCLE:
         return max(
@@ -83,11 +77,7 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
 
 @kernel
 def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
-    """Gap (m) between a payload and a wall; negative if the payload is in the wall.
-
-    `row`: the payload, from `place_row`, [8]. `wall`: number of the wall, as in
-    `geometry.wall_gap`.
-    """
+    """Gap (m) between a payload's row and a wall; negative if the payload is in the wall."""
     if row[0] == CIRCLE:
         return wall_gap(np.float64(row[1]), np.float64(row[2]), half, wall) - np.float64(row[5])
     gap = math.inf
@@ -99,11 +89,9 @@ def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
 
 @kernel
 def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> int:
-    """Counts the payload's contacts with obstacles and walls that begin in an episode.
+    """Counts the contacts with obstacles and walls that begin in a payload's states [T + 1, 7].
 
     A contact begins at a gap of at most `CONTACT_GAP` and ends beyond twice that.
-
-    `bodies`: the payload in every state, columns `state_layout.BODY`, [T + 1, 7].
     """
     n_obstacles = layout.shape[0]
     touching = np.zeros(n_obstacles + 4, dtype=np.bool_)
@@ -129,10 +117,7 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
 
 @kernel
 def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
-    """Counts the robots in contact with the payload, summed over all states.
-
-    `positions`: m, [T, N, 2]. `bodies`: columns `state_layout.BODY`, [T, 7].
-    """
+    """Counts robots, at [T, N, 2], in contact with the payload, [T, 7], over all states."""
     row = np.empty(8, dtype=np.float32)
     count = 0
     for t in range(bodies.shape[0]):

@@ -113,7 +113,7 @@ def score_transport(
 ) -> None:
     """Writes the task's own terms of the active copies, and whether they have solved the task.
 
-    `goal`: radius, m, and largest sine of the angle. A plain tuple, as `Shape`.
+    `goal`: radius, m, and largest sine of the angle.
     """
     goal_radius, max_sine = goal
     n = terms.shape[1]
@@ -138,10 +138,9 @@ def score_transport(
 
 @kernel(error_model="numpy")
 def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Double) -> None:
-    """Writes the closeness vectors of the obstacles around a payload, nearest first.
+    """Writes closeness vectors of the obstacles around a payload at (x, y), nearest first, [K, 2].
 
-    `x`: of the payload's centre, m. `y`: of the payload's centre, m. `radius`: of its bounding
-    circle, m. `out`: written, [N_AROUND, 2].
+    `radius`: of its bounding circle, m.
     """
     distances = np.full(N_NEAR_OBSTACLES, np.inf)
     out[:] = 0.0
@@ -164,10 +163,7 @@ def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Do
 def write_transport_features(
     states: Float, layouts: Float, active: Bool, shape: Shape, out: Float
 ) -> None:
-    """Writes the task's features of every robot in the active copies.
-
-    `out`: [E, N, F] written.
-    """
+    """Writes the task's features of every robot in the active copies, [E, N, F]."""
     kind, half_length, half_width = shape
     n, is_box = out.shape[1], kind == BOX
     first = N_COLUMNS * n

@@ -1,7 +1,6 @@
 """Episodes of `transport`: obstacles, a payload with room around it, its goal, and the robots.
 
-An episode is a pure function of its seed, with the random numbers of `numerics.random`. Obstacles
-and points are placed as in `spawn`, so every passage is at least as wide as `obstacles.gap`.
+Obstacles and points are placed as in `spawn`: passages are at least as wide as `obstacles.gap`.
 """
 
 import numpy as np
@@ -42,8 +41,7 @@ def _place(
 ) -> bool:
     """Draws obstacles, the payload and its goal, then the robots; False if one found no place.
 
-    `radius`: [1] of the payload's bounding circle, m. `room`: free distance around the payload's
-    start, m. `robots`: [N, 8] written, columns `state_layout.ROBOT`.
+    `radius`: [1] of the payload's bounding circle, m. `room`: free around the payload's start, m.
     """
     if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
         return False
@@ -77,11 +75,7 @@ def draw_episodes(
     layouts: Float,
     states: Float,
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
-
-    `payload_radius`: radius of the payload's bounding circle, m. `room`: free distance around the
-    payload's start, m.
-    """
+    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n = plan.radii.shape[0]
     first = N_COLUMNS * n
     generator, radius = np.empty(1, np.uint64), np.full(1, payload_radius)

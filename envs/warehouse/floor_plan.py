@@ -54,7 +54,7 @@ class FloorPlan:
 
     @classmethod
     def of(cls, spec: TaskSpec) -> "FloorPlan":
-        """Lays out the warehouse that `spec` describes.
+        """Lays out the warehouse of a spec.
 
         Raises:
             SpecError: the spec is another task's, or leaves no room for shelves or robots.
@@ -137,10 +137,7 @@ def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) ->
 
 @kernel(inline="always")
 def corridor(y: float, rows: Double) -> int:
-    """Returns the corridor at a height: 0 for the front, k for aisle k, -1 beside shelves.
-
-    `y`: m.
-    """
+    """The corridor at a height y (m): 0 for the front, k for aisle k, -1 beside shelves."""
     up = y - rows[FIRST]
     if up < 0.0:
         return 0
@@ -173,8 +170,7 @@ def shortest_path_length(
 ) -> float:
     """Length of the shortest path along the axes that crosses no shelf, m.
 
-    `x`: start, m; not in a shelf. `y`: start, m. `target_x`: m; in a corridor, as all places are.
-    `target_y`: m.
+    It starts outside of shelves and ends in a corridor, as all places are.
     """
     direct = abs(target_x - x) + abs(target_y - y)
     if corridor(y, rows) == corridor(target_y, rows):
@@ -189,9 +185,8 @@ def next_corner(
 ) -> tuple[float, float]:
     """Returns the point to drive to next: the target, or the middle of a crossing before it.
 
-    `x`: m; with noise, a robot may believe that it is outside the arena. `y`: m; the same; beyond
-    the last aisle counts as in the last aisle. `target`: m; in a corridor. `middles`: [aisles + 1]
-    of the plan.
+    With noise, a robot may believe that it is outside the arena; beyond the last aisle counts as in
+    it.
     """
     start = min(corridor(y, rows), middles.shape[0] - 1)
     end = corridor(target[1], rows)

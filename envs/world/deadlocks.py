@@ -1,10 +1,4 @@
-"""Counts the deadlocks of an episode: groups of robots that begin to block each other.
-
-A robot stands still at step t if it is less than `STILL_DISTANCE` away from where it was
-`STILL_TIME` earlier. Two robots that stand still with a gap of at most `NEAR_GAP` are locked. A
-group of locked robots counts once, when it forms; it does not count again in the following steps or
-when other robots join it.
-"""
+"""Counts the deadlocks of an episode: groups of robots that begin to block each other."""
 
 import math
 
@@ -26,13 +20,7 @@ DEADLOCK_MEANING = (
 
 
 def locked_pairs(positions: Double, radii: Double, control_dt: float) -> Bool:
-    """Returns which pairs of robots are locked in each step, [T+1, N, N].
-
-    Args:
-        positions: m, [T+1, N, 2].
-        radii: m, [N].
-        control_dt: s.
-    """
+    """Which pairs of robots at positions [T+1, N, 2] are locked in each step, [T+1, N, N]."""
     n_still = max(math.ceil(STILL_TIME / control_dt - 1e-9), 1)
     still = np.zeros(positions.shape[:2], dtype=np.bool_)
     moved = positions[n_still:] - positions[:-n_still]

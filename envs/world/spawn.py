@@ -1,9 +1,8 @@
 """Random layouts, starts and goals: solvable by construction, a pure function of the episode seed.
 
-The bounding circles of obstacles keep gaps from each other and from the walls that are wide enough
-for a robot, and every concave shape opens into free space. So the free space is connected, and
-every goal can be reached from every start. The random numbers are SplitMix64's, as in
-`numerics.random`.
+Bounding circles of obstacles keep gaps from each other and from the walls that are wide enough for
+a robot, and every concave shape opens into free space. So every goal can be reached from every
+start. The random numbers are SplitMix64's, as in `numerics.random`.
 """
 
 import math
@@ -86,11 +85,7 @@ def size_table(spec: TaskSpec) -> SizeTable:
 
 
 def check_fixed_layout(spec: TaskSpec, what: str) -> None:
-    """Raises if a spec asks for random obstacles where the layout is fixed: none is ignored.
-
-    Raises:
-        SpecError: the spec asks for obstacles.
-    """
+    """Raises a `SpecError` if a spec asks for random obstacles where the layout is fixed."""
     counts = {name: getattr(spec.obstacles, name) for name in OBSTACLE_COUNTS}
     if any(counts.values()):
         raise SpecError(
@@ -179,13 +174,9 @@ def place_points(
     far: Float,
     min_distance: float,
 ) -> bool:
-    """Draws one point per robot, clear of obstacles and of each other, and away from `far`.
+    """Draws a point per robot, clear of obstacles and each other; False if one has no place.
 
-    `points`: [N, 2] written. `far`: [N, 2] the point that each robot's must stay away from.
-    `min_distance`: distance to that point, m.
-
-    Returns:
-        Whether every robot found a place.
+    Each keeps `min_distance` (m) from its row of `far`.
     """
     for i in range(radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -226,11 +217,10 @@ def place_all(
     far: Float,
     min_distance: float,
 ) -> bool:
-    """Draws obstacles, starts and goals together; returns False if no attempt placed all.
+    """Draws obstacles, starts and goals [K, 2] together; returns False if no attempt placed all.
 
-    `starts`: [N, 2] of the robots, written. `goal_radii`: [K] room that each goal needs, m.
-    `goals`: [K, 2] written. `far`: [K, 2] the point that each goal must stay away from.
-    `min_distance`: distance to that point, m.
+    `goal_radii`: [K] room that each goal needs, m. Goals keep `min_distance` (m) from rows of
+    `far`.
     """
     for _ in range(plan.max_attempts):
         if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
@@ -277,15 +267,7 @@ def _spawn(seeds: Seeds, copies: Int, plan: SpawnPlan, layouts: Float, robots: F
 def spawn_random(
     spec: TaskSpec, plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float
 ) -> None:
-    """Draws obstacles, starts, headings and targets of the episodes `seeds`.
-
-    Args:
-        spec: the task.
-        plan: of this spec.
-        seeds: episode seeds, [len(copies)].
-        copies: rows to write.
-        layouts: written, [E, M, 8].
-        robots: written, columns `state_layout.ROBOT`, [E, N, 8].
+    """Draws obstacles, starts, headings and targets [E, N, 8] of the episodes `seeds`.
 
     Raises:
         SpawnError: no layout was found in `spawn.max_attempts` attempts, though one may exist.

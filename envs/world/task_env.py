@@ -32,12 +32,8 @@ from swarmdata.types import Bool, Counts, Double, Float, Int, Seeds, Step, blank
 class CopyBlock:
     """E copies that read one step and write the next, into arrays that belong to the caller.
 
-    Nothing in it is shared with another block, so blocks may work at the same time.
-
-    Args:
-        task: used by no other block, since tasks may have scratch memory.
-        n_copies: E.
-        backend: builds the physics.
+    Nothing in it, its task included, is shared with another block, so blocks may work at the same
+    time.
     """
 
     def __init__(self, task: Task, n_copies: int, backend: MakeBackend) -> None:
@@ -71,11 +67,7 @@ class CopyBlock:
         self._world.advance(blank)
 
     def spawn(self, seeds: Seeds, copies: Int, now: Step) -> None:
-        """Draws episodes into the layouts and states of a step; the worlds stay as they are.
-
-        Raises:
-            SpawnError: no collision-free layout was found.
-        """
+        """Draws episodes into the layouts and states of a step; the worlds stay as they are."""
         self.task.spawn(seeds, copies, now.layouts, now.states)
 
     def start(self, seeds: Seeds, copies: Int, now: Step) -> None:
@@ -135,9 +127,6 @@ class ThreadTeam:
     Each part must leave the interpreter for most of its time, as kernels and large array operations
     do. The threads start with the first work, wait without using the processor, and end with
     `close`, with the team, or with the process. After a fork the child starts threads of its own.
-
-    Args:
-        size: number of threads, the caller's included.
     """
 
     def __init__(self, size: int) -> None:
@@ -146,10 +135,7 @@ class ThreadTeam:
         self._process = 0  # in which the threads run
 
     def run(self, parts: Sequence[Callable[[], object]]) -> None:
-        """Runs all parts and returns when the last has finished.
-
-        Args:
-            parts: at most `size`.
+        """Runs all parts, at most `size`, and returns when the last has finished.
 
         Raises:
             BaseException: what a part raised, unchanged; of several, that of the first part. It is
@@ -239,10 +225,9 @@ class TaskEnv:
         return f"<{type(self).__name__} {self.spec.task}: {size}>"
 
     def compile_physics(self) -> None:
-        """Compiles the kernels of the physics, or loads them; to be called before the first reset.
+        """Compiles or loads the kernels of the physics; to be called before the first reset.
 
-        They take as long as all others together, so one process may begin with them while another
-        begins as a step does, with the layouts.
+        They take as long as all others together, so another process may begin with those.
         """
         self._blocks[0].compile_physics(self._blank)
 
@@ -378,13 +363,7 @@ def clear_copies(
     successes: Bool,
     fresh: Bool,
 ) -> None:
-    """Writes the fields of a step that say nothing yet in copies where an episode begins.
-
-    `new_seeds`: [C] of the episodes. `seeds`: [E] written. `times`: [E] written: 0. `rewards`: [E,
-    N] written: 0. `terms`: [E, N, R] written: 0. `events`: [E, N, 4] written: 0. `terminations`:
-    [E] written: false. `truncations`: [E] written: false. `successes`: [E] written: false. `fresh`:
-    [E] written: true.
-    """
+    """Writes the fields of a step that say nothing yet, and `fresh`, where an episode begins."""
     for row in range(copies.shape[0]):
         b = copies[row]
         seeds[b], times[b], fresh[b] = new_seeds[row], 0, True

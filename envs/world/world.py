@@ -91,13 +91,11 @@ def proximities(
     places: Float,
     out: Double,
 ) -> None:
-    """Writes the proximity of each robot in one copy: 0 far from everything, 1 in contact.
+    """Writes the proximity of each robot in one copy, [N]: 0 far from everything, 1 in contact.
 
-    This is clip(1 - gap / PROXIMITY_RANGE, 0, 1) of the smallest gap to a robot, obstacle or wall.
-
-    `slack`: [N, 3] `backend.Contacts.slack` of this copy; where it tells that nothing static is
-    near, obstacles and walls are not looked at. `places`: [3, N] scratch: positions and radii.
-    `out`: [N] written.
+    This is clip(1 - gap / PROXIMITY_RANGE, 0, 1) of the smallest gap to a robot, obstacle or wall;
+    to these only where `slack`, as in `backend.Contacts`, does not tell that they are far.
+    `places`: [3, N] scratch.
     """
     for i in range(radii.shape[0]):
         px, py = state[N_COLUMNS * i], state[N_COLUMNS * i + 1]
@@ -144,12 +142,8 @@ def score_steps(
 ) -> None:
     """Writes the shared terms and the rewards of the active copies, and decides whether they end.
 
-    The terms and rewards of the other copies are 0, and their flags stay.
-
-    `packed`: `Scoring`, of an `ArgumentBlock`. `states`: [E, S] after the step. `events`: [E, N, 4]
-    of the step. `terms`: [E, N, R] the task's own are read, the last six, `rewards.reward_terms`,
-    written. `rewards`: [E, N] written. `terminations`: [E] written. `truncations`: [E] written.
-    `successes`: [E] written.
+    Of `terms`, the task's own are read, and the last six written (`rewards.reward_terms`). Terms
+    and rewards of the other copies are 0, and their flags stay. `packed`: `Scoring`.
     """
     radii, half, weights, team_share, bounds, is_fatal, horizon, solved, slack, active = unpack(
         packed, SCORING
@@ -187,11 +181,7 @@ def begin_worlds(
     robots: Double,
     bodies: Double,
 ) -> None:
-    """Ends the contacts of some copies, and reads what moves in them from their states.
-
-    `touching`: [E, N, N] cleared. `static`: [E, N, M + 4] cleared. `slack`: [E, N, 3] cleared.
-    `robots`: [C, N, 6] written. `bodies`: [C, K, 7] written.
-    """
+    """Ends the contacts of some copies, and reads robots and bodies in them from their states."""
     first = N_COLUMNS * robots.shape[1]
     for row in range(copies.shape[0]):
         b = copies[row]
@@ -229,14 +219,7 @@ class World:
         self._fixed = (limits, self.active, self._commands)
 
     def reset(self, copies: Int, seeds: Seeds, layouts: Float, states: Float) -> None:
-        """Starts worlds at rest in `copies`, [C].
-
-        Args:
-            copies: rows to reset, [C].
-            seeds: of their episodes, [C].
-            layouts: of all copies, [E, M, 8].
-            states: of all copies, [E, S].
-        """
+        """Starts worlds at rest in `copies`, [C], of the episodes `seeds`, [C]."""
         n, k = len(self.radii), len(self._movables)
         robots: Double = np.empty((len(copies), n, 6))
         bodies: Double = np.empty((len(copies), k, 7))
@@ -252,10 +235,7 @@ class World:
     def begin(self, actions: Float | Double, before: Step, now: Step) -> int:
         """Finds the copies that have not ended, and clips their commands.
 
-        Args:
-            actions: [E, N, A].
-            before: the previous step; only read.
-            now: this step, whose times, events and states are written, as far as they are known.
+        Times, events and states of `now` are written, as far as they are known.
 
         Returns:
             The number of copies that had not ended; -1 if an action of one of them is not finite.
