@@ -11,8 +11,7 @@ from swarmdata.specs.plain_names import checked_file_name
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.store.arrays.layout import CHECKPOINTS
 
-MAX_CHECKPOINT_BYTES = 1 << 24
-"""Largest checkpoint file that is read; the shipped ones have about 2**16 bytes."""
+MAX_CHECKPOINT_BYTES = 1 << 24  # of a file that is read; the shipped ones have about 2**16
 
 
 def digest_of(path: Path) -> str:

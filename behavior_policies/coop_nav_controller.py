@@ -110,8 +110,7 @@ class CoopNavController(Scripted):
         return self._navigator.commands(step, targets)
 
 
-PAST_LANE = 0.5
-"""Metres beyond the end of its lane that a robot aims at, so that it does not brake in the lane."""
+PAST_LANE = 0.5  # m beyond the end of its lane that a robot aims at, so as not to brake in it
 
 
 def check_convention(spec: TaskSpec, convention: str | None) -> str | None:

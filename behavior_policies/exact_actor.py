@@ -33,17 +33,13 @@ FRAME_TENSORS = ("frame.anchor", "frame.vectors", "frame.closing")
 """Tensors of an actor that observes and acts in a frame of its own."""
 
 HEARD_TENSOR = "frame.heard"  # one more tensor, of an actor that receives messages
-
-BODY_TENSOR = "frame.body"
-"""One more tensor, [1] of ones, of an actor of unicycles: the anchor is their heading."""
+BODY_TENSOR = "frame.body"  # [1] of ones, of an actor of unicycles: the anchor is their heading
 
 MIXED_TENSOR = "frame.mixed"
 """One more tensor, [1 + K], of an actor of K holonomic robots and of unicycles: the index of the
 heading, then these robots."""
 
-SQUASH_TENSOR = "output.tanh"
-"""One more tensor, [1] of ones, of an actor whose outputs pass through tanh."""
-
+SQUASH_TENSOR = "output.tanh"  # [1] of ones, of an actor whose outputs pass through tanh
 Layer = tuple[Double, Double]  # weight [in, out], bias [out]
 
 

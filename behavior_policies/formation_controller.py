@@ -18,9 +18,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
-FREE_SLOT_GAP = 0.02
-"""Metres of gap that a free slot has: more than `avoidance` keeps from surfaces."""
-
+FREE_SLOT_GAP = 0.02  # m of gap of a free slot: more than `avoidance` keeps from surfaces
 LOOK_INTERVAL = 0.2  # seconds between the positions on a slot's path that are checked
 N_LOOKS = 40  # positions that are checked: 8 s, in which slots have passed every usual obstacle
 

@@ -13,8 +13,7 @@ from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
-APPROACH_RATE = 2.0
-"""Commanded speed per metre of distance to the goal, 1/s: robots brake over the last 0.3 m."""
+APPROACH_RATE = 2.0  # 1/s, commanded speed per metre to the goal: robots brake over 0.3 m
 
 
 class Idle(Controller):

@@ -9,9 +9,7 @@ from swarmdata.specs.state_layout import TX, TY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Int, Step
 
-AWAY_DISTANCE = 100.0
-"""Metres from the arena's middle to robots that are out of reach, and between any two of them."""
-
+AWAY_DISTANCE = 100.0  # m to robots that are out of reach, and between any two of them
 MESSAGE_PREFIX = "message_"  # of the names of all features that messages bring
 
 

@@ -17,20 +17,12 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double
 
 STOP_GAP = 0.08  # gap (m) between a robot at its stop line and the middle square
-
-ENTRY_DISTANCE = 0.06
-"""Metres behind its stop line at which a robot counts as inside; it may overshoot the line less."""
-
+ENTRY_DISTANCE = 0.06  # m behind its stop line at which a robot counts as inside
 QUEUE_GAP = 0.1  # gap (m) between robots that stand in a lane
 CONFLICT_GAP = 0.12  # gap (m) between robots below which their movements conflict
 STEERING_DISTANCE = 0.35  # m along its lane at which a robot steers
-
-TURN_DISTANCE = 0.08
-"""Metres from the lane that it turns into at which a robot steers along that lane."""
-
-GATE_DISTANCE = 0.35
-"""Metres along the arm from the gates below which a robot drives to its entry directly."""
-
+TURN_DISTANCE = 0.08  # m from the lane that it turns into at which a robot steers along it
+GATE_DISTANCE = 0.35  # m from the gates below which a robot drives to its entry directly
 N_PATH_POINTS = 64  # points of each path that are compared with those of the others
 
 OUTSIDE, APPROACHING, INSIDE = range(3)

@@ -22,18 +22,10 @@ BRAKING_TIME = 0.6
 """Seconds in which a gap may be closed: approach speed <= gap / BRAKING_TIME. Braking alone needs
 v / a = 0.4 s; the rest is for turning at the same time, which shares the acceleration limit."""
 
-SURFACE_REACH = 0.4
-"""Metres from a surface within which it can limit the speed: v BRAKING_TIME, and a margin."""
-
+SURFACE_REACH = 0.4  # m from a surface within which it can limit the speed: v BRAKING_TIME and more
 ROBOT_GAP = 0.03  # m of gap kept between robots
-
-SURFACE_GAP = 0.01
-"""Metres of gap kept from surfaces; below the planner's `PATH_GAP`, so that paths can be driven."""
-
-SENSING_DISTANCE = 1.5
-"""Metres between centres beyond which robots ignore each other: 2 v AVOIDANCE_HORIZON and two
-radii."""
-
+SURFACE_GAP = 0.01  # m kept from surfaces; below the planner's `PATH_GAP`
+SENSING_DISTANCE = 1.5  # m between centres of robots that see each other: 2 v horizon, two radii
 GIVE_WAY_DISTANCE = 0.5  # m from its goal within which a robot gives way
 
 

@@ -25,10 +25,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Int, Step
 
 TURN_DISTANCE = 1.0  # m between centres below which a robot turns right for another
-
-TURN_COS, TURN_SIN = 0.955336489125606, 0.29552020666133955
-"""Cosine and sine of the turn to the right, 0.3 rad."""
-
+TURN_COS, TURN_SIN = 0.955336489125606, 0.29552020666133955  # of 0.3 rad, to the right
 TARGET_REPLAN_DISTANCE = 0.1  # m that a target moves before the path to it is planned anew
 
 

@@ -18,9 +18,7 @@ from swarmdata.envs.physics.dynamics import (
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double
 
-REVERSE_MAX_SPEED_SHARE = 0.5
-"""Share of the maximum speed below which a unicycle backs up instead of turning round."""
-
+REVERSE_MAX_SPEED_SHARE = 0.5  # of the speed, below which a unicycle backs up
 TURN_MIN_SPEED_SHARE = 0.002  # share of the maximum speed below which a unicycle does not turn
 
 

@@ -19,9 +19,7 @@ from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.types import Bool, Double, Float
 
 LOST_AGE = 99.0  # age, s, of a belief that says nothing
-
-VELOCITY_KEPT = 0.9
-"""Share of its velocity that a lost evader is believed to keep in a control step."""
+VELOCITY_KEPT = 0.9  # share of its velocity that a lost evader keeps in a control step
 
 MISSED_AGE, MISSED_SHARE = 0.3, 0.7
 """A robot sees that an evader is not where it believes it, if it has not seen it for this time (s)

@@ -26,8 +26,7 @@ SEARCH_SHARES = (0.15, 1.0)
 """Smallest and largest square of the distance from the middle at which robots search, as a share
 of that of the walls."""
 
-SEARCH_SCALE, SEARCH_ROOM = 1.2, 0.3
-"""By which that distance is stretched towards the corners; and room kept to walls, m."""
+SEARCH_SCALE, SEARCH_ROOM = 1.2, 0.3  # stretch of that towards the corners; room to walls, m
 
 _STREAM = STREAMS["policy"]
 

@@ -26,22 +26,15 @@ CLOSE_COS, OPEN_COS = 0.3153223623952687, -0.32328956686350335
 close in, 1.25 rad, and from which they open again, 1.9 rad."""
 
 FILL_DISTANCE = 0.3  # m from its slot within which a robot is there
-
-PATIENCE_STEPS, COMMITTED_STEPS = 8, 12
-"""Control steps for which they wait at their slots, and for which they close in at least."""
-
-TRAVEL_COS, TRAVEL_SIN = 0.8253356149096783, 0.5646424733950354
-"""Of the angle by which a robot travels along the circle at a time, 0.6 rad."""
-
+PATIENCE_STEPS, COMMITTED_STEPS = 8, 12  # waiting at their slots; closing in at least
+TRAVEL_COS, TRAVEL_SIN = 0.8253356149096783, 0.5646424733950354  # of 0.6 rad, by which they travel
 OUTER_MARGIN = 0.3  # m outside the circle from which robots still travel along theirs
 
 CLOSE_RADIUS, CLOSE_LEAD = 0.25, 0.3
 """Radius (m) of the slots to which they close in, around the place ahead of the evader by this
 time (s)."""
 
-STRAIGHT_DISTANCE, STRAIGHT_LEAD = 0.55, 0.15
-"""Within this distance (m), they drive at the place that the evader reaches in this time (s)."""
-
+STRAIGHT_DISTANCE, STRAIGHT_LEAD = 0.55, 0.15  # m; s ahead of the evader where they drive within it
 N_PHASES = 6  # rotations of the slots that are compared
 CLOSED_WEIGHT = 0.12  # share of the robots that a closed direction gets, of what an open one does
 
@@ -50,10 +43,7 @@ SUM_WEIGHT, PHASE_COST = 0.2, 3.0
 directions, of slots that are not in the middle of their shares, m."""
 
 GAP_REACH = 0.45  # m from an evader at which a direction has to be open for it to leave there
-
-N_RADII, LEAST_RADIUS = 5, 0.15
-"""Places along a direction that have to be free, evenly from this share of the radius on."""
-
+N_RADII, LEAST_RADIUS = 5, 0.15  # free places along a direction, from this share of the radius on
 _WINDOW = 4  # directions on each side that count for how closed one is
 
 

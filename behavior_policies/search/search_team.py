@@ -25,9 +25,7 @@ from swarmdata.types import Bool, Double, Float, Int
 PATIENCE_TIME = 12.0  # seconds that a robot waits at a victim
 GIVEN_UP_TIME = 15.0  # seconds after which a robot returns to a victim that it gave up
 SAME_PLACE_DISTANCE = 0.15  # m below which two victims that robots tell of are the same
-
-VICTIM_X, VICTIM_Y = TARGET_X, TARGET_Y
-"""Columns of what a robot has heard of another: which victim it knew, or the base."""
+VICTIM_X, VICTIM_Y = TARGET_X, TARGET_Y  # which victim it knew, or the base
 
 NO_INDEX = -1
 

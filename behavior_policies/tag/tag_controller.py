@@ -33,8 +33,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, UX, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
-CLEARANCE = 0.03
-"""Metres that the evader keeps from obstacles and robots, since it cannot stop at once."""
+CLEARANCE = 0.03  # m that the evader keeps from obstacles and robots: it cannot stop at once
 
 
 @kernel

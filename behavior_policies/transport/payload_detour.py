@@ -22,10 +22,7 @@ N_POINTS = 2 * N_RING
 
 RING_GAPS = (0.06, 0.32)  # gaps (m) between payload and robot on the rings
 PASSING_GAP = 0.02  # gap (m) that a path keeps from robots that stand at the payload
-
-BLOCKED_TOLL = 1.0
-"""Cost (m), added to the length, of a point or a line that a standing robot blocks."""
-
+BLOCKED_TOLL = 1.0  # m, cost of a point or a line that a standing robot blocks
 CLEAR_GAP = 0.01  # gap (m) that a straight line must keep for a robot to drive along it
 
 

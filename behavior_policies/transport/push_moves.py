@@ -21,12 +21,8 @@ from swarmdata.numerics.waypoints import Paths, free_distance, waypoint
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float
 
-FUNNEL_MAX_OFFSET = 0.25
-"""Largest distance (m), on top of `WAITING_GAP`, of a robot that is not beside its slot."""
-
-SURFACE_TURN_GAP, SURFACE_TURN_WEIGHT = 0.15, 0.2
-"""Free gap (m) below which the payload's path turns away from a surface; weight of that turn."""
-
+FUNNEL_MAX_OFFSET = 0.25  # m beyond `WAITING_GAP` of a robot that is not beside its slot, at most
+SURFACE_TURN_GAP, SURFACE_TURN_WEIGHT = 0.15, 0.2  # m to a surface below which paths turn; how much
 KEEP_CLEAR_DISTANCE = 0.35  # m that robots without a slot keep from the payload and its path
 KEEP_CLEAR_LENGTH = 1.5  # m of the payload's path that they keep clear
 

@@ -10,8 +10,7 @@ from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
-SIDE_ROOM = 0.15
-"""Metres beside the payload that its path keeps free where it can, for robots at its sides."""
+SIDE_ROOM = 0.15  # m beside the payload that its path keeps free where it can, for robots
 
 
 class PayloadState(NamedTuple):

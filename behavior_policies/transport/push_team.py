@@ -10,25 +10,12 @@ from swarmdata.types import Double, Int
 
 WAITING_GAP = 0.03  # gap (m) to the payload at which a robot waits until it is beside its slot
 DETOUR_LENGTH = 1.0  # m that going around the payload counts for in the assignment of slots
-
-SWAP_MIN_GAIN = 0.02
-"""Reduction of the summed squares of the paths, m^2, for which robots swap their slots."""
-
-SLOT_SIDE_TOLERANCE, SLOT_GAP_TOLERANCE = 0.06, 0.05
-"""Metres along and off the face within which a robot is in its slot."""
-
-SLOT_LOST_DISTANCE = 0.14
-"""Metres from its slot, along or off the face, beyond which a pushing robot has lost it."""
-
-ARC_SIDE_TOLERANCE = 0.3
-"""Metres along a circle from its slot within which a robot in contact still pushes."""
-
-PUSH_MIN_FRICTION_RATIO, PUSH_MIN_COSINE = 1.05, 0.93
-"""Least ratio of a push to the friction, and least cosine with the direction, to begin it."""
-
-PAYLOAD_SPEED = 0.4
-"""Speed (m/s) of the payload that the team aims at; it leaves robots room to catch up."""
-
+SWAP_MIN_GAIN = 0.02  # m^2 by which summed squares of paths shrink if robots swap slots
+SLOT_SIDE_TOLERANCE, SLOT_GAP_TOLERANCE = 0.06, 0.05  # m along and off the face, in a slot
+SLOT_LOST_DISTANCE = 0.14  # m along or off the face, beyond which a pushing robot has lost its slot
+ARC_SIDE_TOLERANCE = 0.3  # m along a circle from its slot within which a robot still pushes
+PUSH_MIN_FRICTION_RATIO, PUSH_MIN_COSINE = 1.05, 0.93  # of a push that may begin
+PAYLOAD_SPEED = 0.4  # m/s that the team aims at; it leaves robots room to catch up
 VELOCITY_RESPONSE_TIME = 0.5  # seconds in which an error of the payload's velocity is corrected
 TURN_DAMPING = 5.0  # force against turning, N per (rad/s of turn rate times m of lever)
 

@@ -63,8 +63,7 @@ from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, VX, VY, X, Y, 
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Int, Step
 
-PAYLOAD_REPLAN_DISTANCE = 0.25
-"""Metres that the payload moves before the robots' paths to it are planned anew."""
+PAYLOAD_REPLAN_DISTANCE = 0.25  # m moved, before the robots' paths to it are planned anew
 
 PAYLOAD_GOAL, ROBOTS_GOAL = range(2)
 """Goals of the maps: the payload's goal, and the payload as the goal of the robots."""

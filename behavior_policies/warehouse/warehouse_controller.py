@@ -25,12 +25,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
 STEERING_DISTANCE = 0.4  # m along its track at which a robot steers
-
-TARGET_APPROACH_DISTANCE = 0.45
-"""Metres along a corridor from its target below which a robot leaves the track for it."""
-
-PASSING_CLEARANCE = 0.1
-"""Metres that two robots need besides their diameters to pass each other in an aisle."""
+TARGET_APPROACH_DISTANCE = 0.45  # m from its target below which a robot leaves the track for it
+PASSING_CLEARANCE = 0.1  # m that two robots need besides their diameters to pass in an aisle
 
 
 class Roads(NamedTuple):

@@ -41,8 +41,7 @@ from swarmdata.specs.state_layout import TX, TY, UX, UY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-PASSAGE_MARGIN = 0.1
-"""Smallest excess width (m) of a passage over the robots that must fit in it side by side."""
+PASSAGE_MARGIN = 0.1  # m by which a passage is wider than the robots that must fit abreast
 
 
 @kernel

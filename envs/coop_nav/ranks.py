@@ -19,8 +19,7 @@ from swarmdata.specs.state_layout import TX, TY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-ROUNDING_MARGIN = 1e-5
-"""Extra distance (m) between places, so that rounding to float32 cannot violate the limits."""
+ROUNDING_MARGIN = 1e-5  # m between places, so that rounding to float32 cannot violate limits
 
 Place = Callable[[Seeds, Int, Float], None]
 """Writes starts and targets of the episodes of some seeds into as many rows of robots [E, N, 8]."""

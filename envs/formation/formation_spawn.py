@@ -38,9 +38,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds
 
 PATH_CHECK_STRIDE = 4  # control steps between the places of a path that are checked
-
-MAX_SLOT_SPEED_SHARE = 0.8
-"""Largest speed of a slot, as a share of the slowest robot's; the rest is for catching up."""
+MAX_SLOT_SPEED_SHARE = 0.8  # of the slowest robot's speed, at most; the rest is for catching up
 
 
 class EpisodePlan(NamedTuple):

@@ -24,9 +24,7 @@ from swarmdata.types import Double, Float, Seeds
 ONE_SIXTH = 1.0 / 6.0
 
 EDGE_TRIES = 8  # attempts to draw an edge before the walk takes the next edge of a loop
-
-MIN_EDGE_SHARE = 0.7
-"""Shortest edge of a control polygon as a share of the longest; they vary the reference's speed."""
+MIN_EDGE_SHARE = 0.7  # shortest edge over the longest; they vary the reference's speed
 
 
 class PathPlan(NamedTuple):

@@ -8,9 +8,7 @@ from swarmdata.envs.formation.formation_rules import FormationRules
 from swarmdata.errors import SpecError
 from swarmdata.types import Double
 
-_GRID_STEPS = 2.0**20
-"""Sines and cosines are rounded to multiples of its inverse, to be the same on every platform."""
-
+_GRID_STEPS = 2.0**20  # steps per unit to which sines are rounded, the same on every platform
 MIN_SLOT_GAP = 0.05  # smallest gap (m) between robots in neighbouring slots
 
 

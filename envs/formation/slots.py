@@ -10,8 +10,7 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y
 from swarmdata.types import Double, Float, Int
 
-HELD, PREVIEW = 7, 8
-"""Offsets, after the robots, of the number of steps in formation and of the previews."""
+HELD, PREVIEW = 7, 8  # offsets, after the robots, of steps in formation and previews
 
 Course = tuple[Double, bool, float, float, Double]
 """The motion of reference and slots: slots in the reference's frame, m, [N, 2]; whether they are

@@ -11,13 +11,8 @@ from swarmdata.numerics.geometry import nearest_of, nearest_of_shape, outer_radi
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Double, Float
 
-DEEPEST_OVERLAP = 0.0025
-"""Overlap (m) up to which a part of a physics step may move bodies into each other."""
-
-CREEP = 0.0005
-"""Bodies that overlap more already may move into each other by this (m) in a part: the solver
-stops them only approximately."""
-
+DEEPEST_OVERLAP = 0.0025  # m that a part of a physics step may move bodies into each other
+CREEP = 0.0005  # m that deeper overlaps may grow in a part: the solver stops them only nearly
 N_HALVINGS = 5  # of the time, in the search for the touch
 
 MOST_PARTS = 16

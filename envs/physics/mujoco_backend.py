@@ -31,8 +31,7 @@ NO_MIDPHASE = int(mujoco.mjtDisableBit.mjDSBL_MIDPHASE)
 """For so few shapes, a tree of boxes around those of one body costs more than testing them all."""
 
 
-PLACE, SPEED, WHEELS = range(3)
-"""Columns of the joints: first position, first velocity, whether it is a robot on wheels."""
+PLACE, SPEED, WHEELS = range(3)  # of the joints: first position and velocity, whether on wheels
 
 
 class Coordinates(NamedTuple):

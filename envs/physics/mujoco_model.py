@@ -40,12 +40,8 @@ from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import SURFACE_FRICTION, Robot
 from swarmdata.types import Double, Float, Int
 
-LONGEST_STEP = 0.0125
-"""Largest length (s) of MuJoCo's steps near contacts; a physics step has a whole number of them."""
-
-DAMPING_RATIO = 2.0
-"""Of contacts. At MuJoCo's default of 1, the overlap of one step is pushed out so fast that bodies
-bounce."""
+LONGEST_STEP = 0.0125  # s, of MuJoCo's steps near contacts, a whole number in a physics step
+DAMPING_RATIO = 2.0  # of contacts; at MuJoCo's default of 1, bodies bounce
 
 BODY_FRICTION = SURFACE_FRICTION**2
 """Friction coefficient between payloads and what stands: the product of those of two bodies, as in
@@ -53,13 +49,8 @@ Munk2D. MuJoCo takes that of the geom of higher priority, which is the robot; pa
 their own."""
 
 TALL = 1.0  # half height (m) of everything that is not a sphere
-
-FRICTION_HARDNESS = 10.0
-"""MuJoCo's `impratio`: how much harder friction is than contact; else what stands would creep."""
-
-MEMORY_BYTES = 1 << 20
-"""Of contacts and constraints of one copy; with too little, the backend raises an error."""
-
+FRICTION_HARDNESS = 10.0  # MuJoCo's `impratio`; with less, what stands would creep
+MEMORY_BYTES = 1 << 20  # for contacts and constraints of one copy; too little is an error
 BODIES = 1  # class of collisions: bodies collide with bodies, and feet and wheels with the floor
 
 

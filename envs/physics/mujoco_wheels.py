@@ -25,15 +25,9 @@ from swarmdata.specs.task_spec import SURFACE_FRICTION, Robot
 from swarmdata.types import Double
 
 GRAVITY = 9.81  # m/s^2; it acts on payloads and on robots with wheels
-
-WHEEL_RADIUS = 0.05
-"""m, of wheels, casters and the feet of payloads: the height of all centres above the floor."""
-
+WHEEL_RADIUS = 0.05  # m, of wheels, casters and feet of payloads: the height of all centres
 TRACK = 1.4  # distance between the wheels, in radii of the robot
-
-CASTER, MASS_CENTRE = 0.8, 0.2
-"""How far behind the axle the caster and the centre of mass are, in radii of the robot."""
-
+CASTER, MASS_CENTRE = 0.8, 0.2  # distance behind the axle, in radii of the robot
 WHEEL_SHARE = 1.0 - MASS_CENTRE / CASTER  # of the weight, on the wheels
 
 ROTOR_SHARE = 0.2
@@ -42,13 +36,8 @@ without it would change its speed at once where it slips, which takes far shorte
 
 WHEEL_MASS = 0.01  # of one wheel, in masses of the robot
 RESPONSE_TIME = 0.08  # time constant (s) with which motors bring 1 kg to a speed
-
-TORQUE_RESERVE = 2.0
-"""Largest torque in units of what accelerates 1 kg by `max_acceleration`: turning takes some."""
-
-N_POSITIONS, N_VELOCITIES = 9, 8
-"""Joint coordinates of a robot: a free joint (position, quaternion), the left and right wheel."""
-
+TORQUE_RESERVE = 2.0  # largest torque, in those that drive 1 kg by `max_acceleration`
+N_POSITIONS, N_VELOCITIES = 9, 8  # of a robot: a free joint, the left and right wheel
 FLOOR = 2  # class of collisions of the floor; what stands on it collides with nothing else
 
 ON_FLOOR = {"contype": 0, "conaffinity": FLOOR, "solimp": (0.99, 0.99, 0.001, 0.5, 2.0)}

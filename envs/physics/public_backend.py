@@ -29,8 +29,7 @@ from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import SURFACE_FRICTION
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-COLLISION_SLOP = 0.002
-"""Overlap (m) that Munk2D tolerates at rest; its default of 0.1 is meant for pixels."""
+COLLISION_SLOP = 0.002  # m of overlap that Munk2D tolerates at rest; its default is for pixels
 
 SOLVER_ITERATIONS = 10
 

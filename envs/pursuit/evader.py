@@ -38,18 +38,11 @@ from swarmdata.types import Double, Float
 
 N_HEADINGS = 32  # directions in which an evader can flee
 N_ROLL_STEPS = 8  # steps in which it imagines the pursuit ahead
-
-ALARM_DISTANCE, CALM_DISTANCE = 0.8, 1.04
-"""Metres to the nearest seen pursuer below which it is alarmed, and beyond which it calms down."""
-
+ALARM_DISTANCE, CALM_DISTANCE = 0.8, 1.04  # m to the nearest seen pursuer
 WANDER_SPEED = 0.15  # m/s of a calm evader
 WANDER_TURN = 0.3  # standard deviation of the turn of a calm evader in a control step, rad
-
-WANDER_ROOM, WANDER_REACH = 0.2, 0.4
-"""A calm evader turns away if the point at this reach (m) has less clearance than this room (m)."""
-
-TURN_COS, TURN_SIN = 0.5403023058681398, 0.8414709848078965
-"""Of the angle by which it then turns, 1 rad."""
+WANDER_ROOM, WANDER_REACH = 0.2, 0.4  # m; a calm evader turns if so far ahead is less clearance
+TURN_COS, TURN_SIN = 0.5403023058681398, 0.8414709848078965  # of 1 rad, by which it then turns
 
 CLEARANCE_WEIGHT, USEFUL_CLEARANCE, MIDDLE_WEIGHT = 0.25, 0.6, 0.3
 """Of the value of a heading: per metre of clearance, of which more is no better, m; and per half

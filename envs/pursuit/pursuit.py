@@ -68,8 +68,7 @@ from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
-SURROUND_DISTANCE = 1.2
-"""Metres from an evader within which robots surround it, for the metric `time_surrounded`."""
+SURROUND_DISTANCE = 1.2  # m from an evader within which robots surround it
 
 EVADER_FEATURES: tuple[Feature, ...] = telling_goals(
     (

@@ -13,7 +13,6 @@ from swarmdata.specs.task_spec import Arena
 from swarmdata.types import Double
 
 Image = NDArray[np.uint8]  # [H, W, 3]
-
 WALL_WIDTH = 0.1  # m of wall around the arena
 _CAPTION_SHARE = 0.055  # height of the caption, as a share of the picture's longer side
 _SUPERSAMPLING_FACTOR = 3

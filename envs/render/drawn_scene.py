@@ -14,9 +14,7 @@ from swarmdata.specs.state_layout import BODY, N_COLUMNS, UX, UY, VX, VY, robots
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS, Bool, Counts, Double, Float
 
-Messages = tuple[Bool, Bool | None]
-"""Messages delivered in a step, and attempted if known; [N, N], receivers first, then senders."""
-
+Messages = tuple[Bool, Bool | None]  # delivered, and attempted if known; [N, N] receivers, senders
 _MIN_HEADING_SPEED = 0.02  # m/s; below this the direction of a velocity is noise
 
 

@@ -20,9 +20,7 @@ from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int
 
-MIDDLE_CLEARANCE = 0.06
-"""Gap (m) to obstacles that a robot in the middle of a square needs to count it."""
-
+MIDDLE_CLEARANCE = 0.06  # m to obstacles that a robot in the middle of a square needs to count it
 UNSEEN, WAITING, RESCUED = range(3)  # what a robot knows of a victim
 
 

@@ -16,8 +16,7 @@ Shape = tuple[float, float, float]
 """Shape code, half length and half width (m; both the radius of a circle). A plain tuple, since a
 named one makes a kernel's call 0.4 us slower, and every step makes two."""
 
-CONTACT_GAP = 0.01
-"""Gaps (m) up to this count as contact, as for robots: a contact at rest jitters by so much."""
+CONTACT_GAP = 0.01  # m up to which gaps count as contact: one at rest jitters by so much
 
 
 def shape_of(payload: Payload) -> Shape:

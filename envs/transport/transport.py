@@ -78,12 +78,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Episode, Float, Int, Metric, Seeds, Step, Term
 
 N_NEAR_OBSTACLES = 2  # number of obstacles around the payload that robots observe
-
-SURROUNDINGS_RANGE = 1.5
-"""Distance (m) from the payload's bounding circle within which obstacles are observed."""
-
-ANY_ANGLE_SINE = 2.0
-"""Largest sine of the angle between payload and goal if the goal has no angle: above any sine."""
+SURROUNDINGS_RANGE = 1.5  # m from the payload's bounding circle within which obstacles are observed
+ANY_ANGLE_SINE = 2.0  # above the sine of any angle, for goals without one
 
 
 @kernel(inline="always")

@@ -18,16 +18,13 @@ from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds
 
-OBSTACLE_COUNTS = ("circles", "boxes", "corners", "pockets")
-"""Fields of `task_spec.Obstacles` that count obstacles."""
-
+OBSTACLE_COUNTS = ("circles", "boxes", "corners", "pockets")  # of `task_spec.Obstacles`
 PLACE_TRIES = 64  # attempts to place one obstacle or robot before the whole layout is drawn again
 
 LAYOUT_OFFSET = (STREAMS["layout"] + 1) * GOLDEN_GAMMA % 2**64
 """Added to an episode's seed, it gives the initial state of the layout's random generator."""
 
-SizeTable = Double
-"""One row per obstacle: kind, smallest and largest half length, half thickness, [M, 4]."""
+SizeTable = Double  # per obstacle: kind, smallest and largest half length, half thickness, [M, 4]
 
 
 class Spacing(NamedTuple):

@@ -311,8 +311,7 @@ WRITTEN_FIELDS = (
 LASTING_FIELDS = ("observations", "terminations", "truncations", "successes")
 """Those that `keep_ended` copies where an episode has ended; `begin_step` handles the rest."""
 
-BLOCK_BYTES = 1 << 15
-"""Memory of the steps that are allocated together; keeping one of them keeps them all."""
+BLOCK_BYTES = 1 << 15  # of steps that are allocated together; keeping one keeps them all
 
 BLOCK_STEPS = 16
 
