@@ -10,8 +10,8 @@ import numpy as np
 
 from swarmdata.behavior_policies.navigation.velocity_tracking import command_of
 from swarmdata.behavior_policies.noise import Controller
-from swarmdata.behavior_policies.pursuit.naive_teams import Greedy as GreedyPursuit
-from swarmdata.behavior_policies.pursuit.naive_teams import LeadThree as LeadPursuit
+from swarmdata.behavior_policies.pursuit.pursuit_controller import Greedy as GreedyPursuit
+from swarmdata.behavior_policies.pursuit.pursuit_controller import LeadThree as LeadPursuit
 from swarmdata.behavior_policies.pursuit.pursuit_controller import PursuitController
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.pursuit.evader import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from swarmdata.behavior_policies.intersection.right_of_way import (
+from swarmdata.behavior_policies.intersection.intersection_controller import (
     APPROACHING,
     INSIDE,
     OUTSIDE,
