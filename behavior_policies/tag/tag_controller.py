@@ -14,17 +14,7 @@ from swarmdata.behavior_policies.pursuit.pursuit_controller import Greedy as Gre
 from swarmdata.behavior_policies.pursuit.pursuit_controller import LeadThree as LeadPursuit
 from swarmdata.behavior_policies.pursuit.pursuit_controller import PursuitController
 from swarmdata.envs.physics.dynamics import limits_of
-from swarmdata.envs.pursuit.evader import (
-    ALARM_DISTANCE,
-    CALM_DISTANCE,
-    N_HEADINGS,
-    EvaderModel,
-    best_heading,
-    look_for_pursuers,
-    next_place,
-    random_bits,
-    wander,
-)
+from swarmdata.envs.pursuit.evader import N_HEADINGS, EvaderModel, evade, random_bits
 from swarmdata.envs.pursuit.pursuit import Pursuit, places_of
 from swarmdata.envs.pursuit.pursuit_rules import PursuitRules
 from swarmdata.envs.tag.tag import pursuit_of
@@ -58,18 +48,10 @@ def flee(
     for b in range(states.shape[0]):
         robots, e, layout = places_of(states[b], n), N_COLUMNS * n, layouts[b]
         place = (np.float64(states[b, e]), np.float64(states[b, e + 1]))
-        seen = np.empty_like(robots)
-        n_seen, nearest = look_for_pursuers(place, robots, layout, model, seen)
-        are_alarmed[b] = nearest < (CALM_DISTANCE if are_alarmed[b] else ALARM_DISTANCE)
-        if are_alarmed[b]:
-            heading = model.headings[best_heading(place, seen[:n_seen], layout, model)]
-            ux, uy, speed = heading[0], heading[1], model.speed
-        else:
-            facing = (headings[b, 0], headings[b, 1])
-            bits = random_bits(seeds[b], times[b], 0)
-            ux, uy, speed = wander(place, facing, bits, layout, model)
-            headings[b, 0], headings[b, 1] = ux, uy
-        x, y = next_place(place, (speed * ux, speed * uy), robots, radii, layout, model)
+        are_alarmed[b], headings[b, 0], headings[b, 1], x, y = evade(
+            place, (headings[b, 0], headings[b, 1]), are_alarmed[b],
+            random_bits(seeds[b], times[b], 0), robots, robots, radii, layout, model,
+        )  # fmt: skip
         wish = ((x - place[0]) / model.dt, (y - place[1]) / model.dt)
         velocity = (np.float64(states[b, e + VX]), np.float64(states[b, e + VY]))
         facing = (np.float64(states[b, e + UX]), np.float64(states[b, e + UX + 1]))

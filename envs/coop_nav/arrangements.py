@@ -105,7 +105,7 @@ def arrange(spec: TaskSpec) -> tuple[Float | None, Place | None]:
     elif isinstance(kind, Corridor):
         layout, anchors = _passage(spec, kind.width, kind.length, 2), _sides(spec, kind)
     else:
-        layout, anchors = lane_boxes(spec, kind), lane_starts(spec, kind, *_margins(spec))
+        layout, anchors = _lane_boxes(spec, kind), _lane_starts(spec, kind)
     if isinstance(kind, Swap):
         away = kind.circle_radius - math.sqrt(2) * kind.jitter
     else:
@@ -219,7 +219,7 @@ def _sides(spec: TaskSpec, kind: Doorway | Corridor) -> Double:
 LANE_MARGIN = 0.1  # smallest excess width (m) of a lane over the robot that must fit in it
 
 
-def lane_boxes(spec: TaskSpec, lanes: Lanes) -> Float:
+def _lane_boxes(spec: TaskSpec, lanes: Lanes) -> Float:
     """The box above the upper lane, the one below the lower, and the median, [3, 8]."""
     diameter = 2.0 * max(robot.radius for robot in spec.robots)
     if not diameter + LANE_MARGIN <= lanes.width < 2.0 * diameter:
@@ -242,10 +242,9 @@ def lane_boxes(spec: TaskSpec, lanes: Lanes) -> Float:
     return np.array(boxes, dtype=np.float32)
 
 
-def lane_starts(
-    spec: TaskSpec, lanes: Lanes, radius: float, clearance: float, separation: float
-) -> Double:
+def _lane_starts(spec: TaskSpec, lanes: Lanes) -> Double:
     """Starts of the two teams, one robot behind the other along x, in `lanes.rows`, [N, 2]."""
+    radius, clearance, separation = _margins(spec)
     margin = radius + clearance + lanes.jitter
     step = 2.0 * radius + separation + 2.0 * lanes.jitter
     deep = (spec.arena.width - lanes.length) / 2 - 2.0 * margin

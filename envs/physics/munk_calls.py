@@ -14,34 +14,19 @@ from numba.extending import intrinsic
 from swarmdata.types import Int
 
 MUNK_FUNCTIONS = (
-    "cpSpaceStep",
-    "cpBodySetForce",
-    "cpBodyGetPosition",
-    "cpBodyGetVelocity",
-    "cpSpaceRemoveShape",
-    "cpSpaceAddShape",
-    "cpSpaceSetShapeIDCounter",
-    "cpBodySetPosition",
-    "cpBodySetVelocity",
-    "cpCircleShapeSetRadius",
-    "cpCircleShapeSetOffset",
-    "cpPolyShapeSetVertsRaw",
-    "cpBodyGetRotation",
-    "cpBodyGetAngularVelocity",
-    "cpBodyUpdatePosition",
-    "cpBodySetAngle",
-    "cpBodySetAngularVelocity",
-    "cpConstraintSetMaxForce",
-    "cpBodySetMass",
-    "cpShapeSetFriction",
+    "cpSpaceStep", "cpBodySetForce", "cpBodyGetPosition", "cpBodyGetVelocity", "cpSpaceRemoveShape",
+    "cpSpaceAddShape", "cpSpaceSetShapeIDCounter", "cpBodySetPosition", "cpBodySetVelocity",
+    "cpCircleShapeSetRadius", "cpCircleShapeSetOffset", "cpPolyShapeSetVertsRaw",
+    "cpBodyGetRotation", "cpBodyGetAngularVelocity", "cpBodyUpdatePosition", "cpBodySetAngle",
+    "cpBodySetAngularVelocity", "cpConstraintSetMaxForce", "cpBodySetMass", "cpShapeSetFriction",
     "cpBodySetMoment",
-)
+)  # fmt: skip
 STEP, SET_FORCE, GET_POSITION, GET_VELOCITY, REMOVE, ADD, SET_ID = range(7)
 SET_POSITION, SET_VELOCITY, SET_RADIUS, SET_OFFSET, SET_VERTS = range(7, 12)
-GET_ROTATION, GET_TURN_RATE, UPDATE_POSITION, SET_ANGLE, SET_TURN_RATE, SET_MAX_FORCE = range(
-    12, 18
-)
-SET_MASS, SET_FRICTION, SET_MOMENT = range(18, 21)  # indices into the addresses of `MUNK_FUNCTIONS`
+GET_ROTATION, GET_TURN_RATE, UPDATE_POSITION, SET_ANGLE, SET_TURN_RATE = range(12, 17)
+SET_MAX_FORCE, SET_MASS, SET_FRICTION, SET_MOMENT = range(
+    17, 21
+)  # indices into the addresses of `MUNK_FUNCTIONS`
 
 FLOAT64_TYPE = ir.DoubleType()
 

@@ -286,6 +286,36 @@ def next_place(
 
 
 @kernel
+def evade(
+    place: tuple[float, float],
+    facing: tuple[float, float],
+    was_alarmed: bool,
+    bits: np.uint64,
+    robots: Double,
+    moved: Double,
+    radii: Double,
+    layout: Float,
+    model: EvaderModel,
+) -> tuple[bool, float, float, float, float]:
+    """Whether an evader is alarmed now, the heading in which it wanders, and where it comes to.
+
+    `bits` are random. `robots`, `moved`: [N, 2] where these are before the step, by which it
+    decides, and after it, to which it gives way.
+    """
+    seen, (ux, uy) = np.empty_like(robots), facing
+    n_seen, nearest = look_for_pursuers(place, robots, layout, model, seen)
+    is_alarmed = nearest < (CALM_DISTANCE if was_alarmed else ALARM_DISTANCE)
+    if is_alarmed:
+        heading = model.headings[best_heading(place, seen[:n_seen], layout, model)]
+        velocity = (model.speed * heading[0], model.speed * heading[1])
+    else:
+        ux, uy, speed = wander(place, facing, bits, layout, model)
+        velocity = (speed * ux, speed * uy)
+    x, y = next_place(place, velocity, moved, radii, layout, model)
+    return is_alarmed, ux, uy, x, y
+
+
+@kernel
 def random_bits(seed: np.uint64, time: int, evader: int) -> np.uint64:
     """Random bits of an evader in a control step."""
     return absorb(absorb(absorb(seed, _STREAM), time), evader)

@@ -37,16 +37,7 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.pursuit.evader import (
-    ALARM_DISTANCE,
-    CALM_DISTANCE,
-    EvaderModel,
-    best_heading,
-    look_for_pursuers,
-    next_place,
-    random_bits,
-    wander,
-)
+from swarmdata.envs.pursuit.evader import EvaderModel, evade, random_bits
 from swarmdata.envs.pursuit.pursuit_rules import PursuitRules
 from swarmdata.envs.pursuit.sightings import (
     FREE,
@@ -200,27 +191,15 @@ def places_of(state: Float, n: int) -> Double:
 def move_evader(
     new: Float, k: int, bits: np.uint64, robots: Double, moved: Double, layout: Float, chase: Chase
 ) -> None:
-    """Moves evader k for a control step, in the state `new`.
-
-    `robots` and `moved`: [N, 2] their places (m) before the step, by which it decides, and after
-    it, to which it gives way.
-    """
+    """Moves evader k for a control step, in the state `new`; see `evade`."""
     columns, model = chase.columns, chase.model
     at, u, v = columns.places + 2 * k, columns.headings + 2 * k, columns.velocities + 2 * k
     place = (np.float64(new[at]), np.float64(new[at + 1]))
-    seen = np.empty_like(robots)
-    n_seen, nearest = look_for_pursuers(place, robots, layout, model, seen)
-    is_alarmed = nearest < (CALM_DISTANCE if new[columns.alarmed + k] > 0.0 else ALARM_DISTANCE)
+    facing, was_alarmed = (np.float64(new[u]), np.float64(new[u + 1])), new[columns.alarmed + k] > 0
+    is_alarmed, new[u], new[u + 1], x, y = evade(
+        place, facing, was_alarmed, bits, robots, moved, chase.radii, layout, model
+    )
     new[columns.alarmed + k] = 1.0 if is_alarmed else 0.0
-    if is_alarmed:
-        heading = model.headings[best_heading(place, seen[:n_seen], layout, model)]
-        ux, uy, speed = heading[0], heading[1], model.speed
-    else:
-        facing = (np.float64(new[u]), np.float64(new[u + 1]))
-        ux, uy, speed = wander(place, facing, bits, layout, model)
-        new[u], new[u + 1] = ux, uy
-    velocity = (speed * ux, speed * uy)
-    x, y = next_place(place, velocity, moved, chase.radii, layout, model)
     new[at], new[at + 1] = x, y
     new[v], new[v + 1] = (x - place[0]) / model.dt, (y - place[1]) / model.dt
 

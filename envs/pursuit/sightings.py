@@ -5,6 +5,7 @@ for it. Otherwise a robot sees those that no obstacle hides (`numerics.sight`), 
 after `MEMORY_TIME`, unless it saw that it was captured.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -115,32 +116,28 @@ def aim(state: Float, i: int, columns: Columns) -> bool:
 
 def pursuit_columns(spec: TaskSpec, columns: Columns) -> tuple[Column, ...]:
     """The task's own columns of a state, in the order of `Columns`."""
-    evaders, half = [f"evader_{k}." for k in range(columns.n_evaders)], spec.half_size
-    placed = [c for name in evaders for c in pair(name, "position of the evader", "m", half)]
-    captured = [
-        Column(f"{name}captured", "1 once it is captured, else 0", low=0, high=1)
-        for name in evaders
-    ]
-    moving = [
-        c for name in evaders for c in pair(f"{name}v", "velocity of the evader", "m/s", None)
-    ]
-    alarmed = [
-        Column(f"{name}alarmed", "1 while it flees, else 0", low=0, high=1) for name in evaders
-    ]
     more = "; a unit vector, kept while it flees"
-    headed = [
-        c
-        for name in evaders
-        for c in pair(f"{name}u", "heading in which it wanders", "", (1.0, 1.0), more)
-    ]
+
+    def of_all(write: Callable[[str], tuple[Column, ...]]) -> list[Column]:
+        return [each for k in range(columns.n_evaders) for each in write(f"evader_{k}.")]
+
+    def flag(name: str, meaning: str) -> tuple[Column, ...]:
+        return (Column(name, meaning, low=0, high=1),)
+
     memory = [
         column
         for robot in spec.agent_names
         for k in range(columns.n_evaders)
         for column in _memory_columns(f"{robot}.evader_{k}_", spec)
     ]
-    seen = memory if columns.memory >= 0 else []
-    return (*placed, *captured, *moving, *alarmed, *headed, *seen)
+    return (
+        *of_all(lambda name: pair(name, "position of the evader", "m", spec.half_size)),
+        *of_all(lambda name: flag(f"{name}captured", "1 once it is captured, else 0")),
+        *of_all(lambda name: pair(f"{name}v", "velocity of the evader", "m/s", None)),
+        *of_all(lambda name: flag(f"{name}alarmed", "1 while it flees, else 0")),
+        *of_all(lambda n: pair(f"{n}u", "heading in which it wanders", "", (1.0, 1.0), more)),
+        *(memory if columns.memory >= 0 else ()),
+    )
 
 
 def _memory_columns(prefix: str, spec: TaskSpec) -> tuple[Column, ...]:

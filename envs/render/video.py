@@ -4,16 +4,14 @@ import base64
 import io
 import shutil
 import subprocess
-import tempfile
 import uuid
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import partial
 from itertools import pairwise
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, TemporaryFile
 from typing import Any, Literal
 
 import numpy as np
@@ -80,10 +78,18 @@ def animate(
             )
     has_messages &= episode.delivered.shape[-1] > 0
 
-    scene_at = partial(
-        _scene, episode, spec, stride=stride, trail_steps=trail_steps, scans=scans,
-        scan_range=scan_range, focus=focus, attempted=attempted, has_messages=has_messages,
-    )  # fmt: skip
+    def scene_at(t: int) -> Scene:
+        tried = None if attempted is None else attempted[t]
+        return build_scene(
+            spec,
+            episode.layout,
+            episode.states[t],
+            trails=episode.states[max(0, t - trail_steps) : t + 1],
+            events=episode.events[max(0, t - stride) : t].max(axis=0, initial=0),
+            scan=None if scans is None else build_scan(spec, scans[t], scan_range, focus),
+            messages=(episode.delivered[t], tried) if has_messages else None,
+        )
+
     frames, seconds = _frames(episode, spec, scene_at, size, stride), spec.control_dt * stride
     if path.suffix.lower() == ".gif":
         write_gif(list(frames), path, seconds)
@@ -103,31 +109,6 @@ def _frames(
         if t == len(episode):
             text += f"    {_outcome(episode)}"
         yield paint(blank.copy(), scene, text)
-
-
-def _scene(
-    episode: Episode,
-    spec: TaskSpec,
-    t: int,
-    *,
-    stride: int,
-    trail_steps: int,
-    scans: Float | None,
-    scan_range: float | None,
-    focus: int | None,
-    attempted: Bool | None,
-    has_messages: bool,
-) -> Scene:
-    tried = None if attempted is None else attempted[t]
-    return build_scene(
-        spec,
-        episode.layout,
-        episode.states[t],
-        trails=episode.states[max(0, t - trail_steps) : t + 1],
-        events=episode.events[max(0, t - stride) : t].max(axis=0, initial=0),
-        scan=None if scans is None else build_scan(spec, scans[t], scan_range, focus),
-        messages=(episode.delivered[t], tried) if has_messages else None,
-    )
 
 
 def _outcome(episode: Episode) -> str:
@@ -213,7 +194,7 @@ def _raw(first: Any, images: Iterator[Any], n_rest: int) -> Iterator[bytes]:
 
 def _feed(command: list[str], chunks: Iterable[bytes], path: Path) -> None:
     """Runs ffmpeg on the chunks."""
-    with tempfile.TemporaryFile() as log:  # a pipe would fill up and stop both
+    with TemporaryFile() as log:  # a pipe would fill up and stop both
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process:
             assert process.stdin is not None
             with suppress(BrokenPipeError):  # ffmpeg ended early; its status and log say why

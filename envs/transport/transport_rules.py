@@ -1,15 +1,12 @@
 """The rules of `transport`: the payload, its goal, and reward weights."""
 
 import math
-from typing import TYPE_CHECKING, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
 from swarmdata.specs.quantities import Angle, Distance, Length, Weight
 from swarmdata.specs.rules import Payload, Rewards, TaskRules
-
-if TYPE_CHECKING:
-    pass
 
 
 class TransportRewards(Rewards):

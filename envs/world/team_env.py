@@ -1,6 +1,7 @@
 """One copy of a task as an environment of Gymnasium, in which the team is one agent."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from itertools import cycle
 from typing import Any, ClassVar
 
 import gymnasium
@@ -48,7 +49,7 @@ class TeamEnv(gymnasium.Env[dict[str, Float], dict[str, Float]]):
         self.render_mode = render_mode
         self._world = ParallelWorld(self.task, render_mode)
         self._frame: Frame | None = find_frame(self._world.features, frame, self.task.robots)
-        self._reserved = _cycle_reserved() if reserved else None
+        self._reserved = cycle(evaluation_seeds(N_RESERVED).tolist()) if reserved else None
         names = self.task.agent_names
         size = len(self._world.features) + (0 if self._frame is None else self._frame.n_added)
         each = self.task.observation_spaces(size), self.task.action_spaces
@@ -99,8 +100,3 @@ class TeamEnv(gymnasium.Env[dict[str, Float], dict[str, Float]]):
             "agent_rewards": step.rewards[0].copy(),
             "events": step.events[0].copy(),
         }
-
-
-def _cycle_reserved() -> Iterator[int]:
-    while True:
-        yield from evaluation_seeds(N_RESERVED).tolist()
