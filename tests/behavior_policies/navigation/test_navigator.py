@@ -17,9 +17,10 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Step
+from tests.envs.worlds import NO_OBSTACLES
 
 EASY = preset("coop_nav-easy")
-OPEN = EASY.with_updates(obstacles={"circles": 0, "boxes": 0, "corners": 0, "pockets": 0})
+OPEN = EASY.with_updates(obstacles=NO_OBSTACLES)
 
 
 def scales(**changes: float | str) -> tuple[float, float]:

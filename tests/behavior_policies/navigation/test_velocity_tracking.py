@@ -13,21 +13,21 @@ from swarmdata.behavior_policies.navigation.velocity_tracking import (
     speed_along,
     turn_command,
 )
-from swarmdata.envs.physics.dynamics import GRIP, limits_of
+from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.registry.components import make_task
 from swarmdata.specs.state_layout import UX, UY, VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
+from tests.envs.worlds import NO_OBSTACLES
 
 NOTHING = np.empty((0, 4))
-EMPTY = {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}
 ANGLES = st.floats(-3.1, 3.1)
 
 
 def spec_of(**robot: Any) -> TaskSpec:
-    return TaskSpec.parse({"team": [{"count": 1, "robot": robot}], "obstacles": EMPTY})
+    return TaskSpec.parse({"team": [{"count": 1, "robot": robot}], "obstacles": NO_OBSTACLES})
 
 
 def unit(angle: float) -> tuple[float, float]:
@@ -125,8 +125,3 @@ def test_where_no_speed_is_safe_what_comes_first_counts() -> None:
     damper_half_plane(1.0, 0.0, -0.1, planes[0])  # back off at 0.1 m/s at least
     damper_half_plane(-1.0, 0.0, 0.0, planes[1])  # do not go back
     assert speed_along((1.0, 0.0), (0.3, 0.0), 0.6, planes, 2) == pytest.approx(-0.1)
-
-
-def test_grip_is_enough_for_the_turns_that_are_asked_for() -> None:
-    limit = limits_of(spec_of(dynamics="unicycle"))[0]
-    assert limit[0] * limit[3] < limit[GRIP]

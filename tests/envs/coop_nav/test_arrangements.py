@@ -15,16 +15,17 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, TY, UX, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Step
-from tests.envs.places import check_places
+from tests.envs.worlds import NO_OBSTACLES, arranged, check_places
 
-EMPTY = {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}
 KINDS = ("swap", "doorway", "corridor")
 
 
 def spec_of(kind: str, n: int, **changes: Any) -> TaskSpec:
     arrangement = {"kind": kind, **changes.pop("arrangement", {})}
     rules = {"task": "coop_nav", "arrangement": arrangement}
-    return TaskSpec.parse({"rules": rules, "team": [{"count": n}], "obstacles": EMPTY, **changes})
+    return TaskSpec.parse(
+        {"rules": rules, "team": [{"count": n}], "obstacles": NO_OBSTACLES, **changes}
+    )
 
 
 def reset(spec: TaskSpec, n_episodes: int) -> Step:
@@ -121,7 +122,6 @@ def test_the_circle_needs_no_sine(n: int) -> None:
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        (spec_of("swap", 4, obstacles={**EMPTY, "circles": 1}), "whose layout is fixed"),
         (spec_of("swap", 30), "neighbours on the circle"),
         (spec_of("swap", 4, arrangement={"circle_radius": 1.9}), "reaches"),
         (spec_of("swap", 4, arrangement={"circle_radius": 0.6}), "min_goal_distance"),
@@ -148,12 +148,6 @@ LANES = preset("coop_nav-lanes")
 HALF = np.array([3.0, 1.5])
 
 
-def lanes_with(arrangement: dict[str, Any] | None = None, **fields: Any) -> TaskSpec:
-    plain = LANES.model_dump()
-    plain["rules"]["arrangement"] |= arrangement or {}
-    return TaskSpec.parse({**plain, **fields})
-
-
 def test_one_robot_fits_into_a_lane_and_two_do_not() -> None:
     layout = reset(LANES, 1).layouts[0]
     radius = LANES.robots[0].radius
@@ -168,7 +162,7 @@ def test_one_robot_fits_into_a_lane_and_two_do_not() -> None:
 
 @pytest.mark.parametrize("n", [1, 2, 3, 4])
 def test_teams_start_behind_each_other_out_of_sight_and_swap_ends(n: int) -> None:
-    spec = lanes_with(team=[{"count": n}])
+    spec = arranged(LANES, team=[{"count": n}])
     step = reset(spec, 200)
     robots = robots_of(step.states, n).astype(np.float64)
     starts, goals = robots[..., [X, Y]], robots[..., [TX, TY]]
@@ -182,16 +176,19 @@ def test_teams_start_behind_each_other_out_of_sight_and_swap_ends(n: int) -> Non
     ("spec", "message"),
     [
         (
-            lanes_with({"width": 0.3}),
+            arranged(LANES, {"width": 0.3}),
             r"width is 0\.3 m, expected at least 0\.34 m and less than 0\.48",
         ),
-        (lanes_with({"width": 0.5}), "two do not pass each other"),
-        (lanes_with({"spread": 0.4}), r"spread is 0\.4 m, expected more than the lanes' width"),
-        (lanes_with({"spread": 2.6}), "less than the arena's height without it"),
-        (lanes_with({"length": 4.0}), "2 robots, 0.69 m apart, do not fit beside"),
-        (lanes_with({"rows": [-0.25, 1.4]}), "rows of at most 1.13 m are inside"),
-        (lanes_with(team=[{"count": 6}]), "do not fit beside arrangement 'lanes'"),
-        (lanes_with(obstacles={}), "whose layout is fixed"),
+        (arranged(LANES, {"width": 0.5}), "two do not pass each other"),
+        (
+            arranged(LANES, {"spread": 0.4}),
+            r"spread is 0\.4 m, expected more than the lanes' width",
+        ),
+        (arranged(LANES, {"spread": 2.6}), "less than the arena's height without it"),
+        (arranged(LANES, {"length": 4.0}), "2 robots, 0.69 m apart, do not fit beside"),
+        (arranged(LANES, {"rows": [-0.25, 1.4]}), "rows of at most 1.13 m are inside"),
+        (arranged(LANES, team=[{"count": 6}]), "do not fit beside arrangement 'lanes'"),
+        (arranged(LANES, obstacles={}), "whose layout is fixed"),
         (
             LANES.with_updates(rules={**LANES.rules.model_dump(), "goals": "unassigned"}),
             "with arrangement 'lanes'",

@@ -13,6 +13,7 @@ from swarmdata.registry.components import make_env, make_policy
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
+from tests.envs.worlds import NO_OBSTACLES
 
 MAZE = ("@@@@@@@", "@..@..@", "@.@@..@", "@.....@", "@@@@@.@", ".@@@@@@")
 
@@ -25,7 +26,7 @@ def spec_of(rows: tuple[str, ...] = MAZE, cell: float = 0.7, **changes: Any) -> 
     document = {
         "rules": {"task": "coop_nav", "arrangement": {"kind": "map", "rows": rows, "cell": cell}},
         "arena": {"width": cell * len(rows[0]), "height": cell * len(rows)},
-        "obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0),
+        "obstacles": NO_OBSTACLES,
         "team": [{"count": 2}],
         **changes,
     }
@@ -79,7 +80,7 @@ def test_episodes_are_in_the_largest_part_and_solvable() -> None:
     ("changes", "words"),
     [
         ({"arena": {"width": 4.0, "height": 4.0}}, "expected 4.9 m x 4.2 m"),
-        ({"obstacles": {"circles": 1, "boxes": 0, "corners": 0, "pockets": 0}}, "layout is fixed"),
+        ({"obstacles": {**NO_OBSTACLES, "circles": 1}}, "layout is fixed"),
         ({"cell": 0.6}, "cell is 0.6 m, expected at least 0.64 m"),
         ({"team": [{"count": 5}]}, "13 free cells, expected at least 20 for 5 robots"),
         ({"rows": ("..", "...")}, "different lengths"),

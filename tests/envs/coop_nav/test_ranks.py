@@ -1,7 +1,6 @@
 """Ranked goals: where they are, that two rules cannot be mixed, and what is refused."""
 
 from itertools import permutations, product
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,14 +14,9 @@ from swarmdata.registry.components import make_env, make_task
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
+from tests.envs.worlds import arranged
 
 SPEC = preset("coop_nav-ranks")
-
-
-def changed(arrangement: dict[str, Any] | None = None, **fields: Any) -> TaskSpec:
-    plain = SPEC.model_dump()
-    plain["rules"]["arrangement"] |= arrangement or {}
-    return TaskSpec.parse({**plain, **fields})
 
 
 def covered(order: tuple[int, ...], follows_y: tuple[bool, ...]) -> set[int]:
@@ -68,7 +62,9 @@ def test_every_spec_is_refused_or_has_its_goals_inside(
     n: int, spacing: float, jitter: float
 ) -> None:
     order = [(k + 1) % n for k in range(n)]
-    spec = changed({"order": order, "spacing": spacing, "jitter": jitter}, team=[{"count": n}])
+    spec = arranged(
+        SPEC, {"order": order, "spacing": spacing, "jitter": jitter}, team=[{"count": n}]
+    )
     try:
         make_task(spec)
     except SpecError:
@@ -82,15 +78,23 @@ def test_every_spec_is_refused_or_has_its_goals_inside(
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        (changed({"order": [1, 0, 3, 2]}), r"order is \[1, 0, 3, 2\], expected a permutation"),
-        (changed({"order": [1, 2, 0]}), "of 0 to 3 for 4 robots that is one cycle"),
-        (changed({"order": [1, 1, 0, 2]}), "that is one cycle"),
-        (changed({"spacing": 0.6}), r"spacing is 0\.6 m, expected at least 0\.69 m"),
-        (changed({"distance": 0.9}), "goals can be nearer to starts than spawn.min_goal_distance"),
-        (changed(arena={"width": 2.9, "height": 4.0}), r"needs an arena of 2\.99 m x 3\.99 m"),
-        (changed(obstacles={}), "whose layout is fixed"),
         (
-            changed().with_updates(rules={**SPEC.rules.model_dump(), "goals": "assigned"}),
+            arranged(SPEC, {"order": [1, 0, 3, 2]}),
+            r"order is \[1, 0, 3, 2\], expected a permutation",
+        ),
+        (arranged(SPEC, {"order": [1, 2, 0]}), "of 0 to 3 for 4 robots that is one cycle"),
+        (arranged(SPEC, {"order": [1, 1, 0, 2]}), "that is one cycle"),
+        (arranged(SPEC, {"spacing": 0.6}), r"spacing is 0\.6 m, expected at least 0\.69 m"),
+        (
+            arranged(SPEC, {"distance": 0.9}),
+            "goals can be nearer to starts than spawn.min_goal_distance",
+        ),
+        (
+            arranged(SPEC, arena={"width": 2.9, "height": 4.0}),
+            r"needs an arena of 2\.99 m x 3\.99 m",
+        ),
+        (
+            arranged(SPEC).with_updates(rules={**SPEC.rules.model_dump(), "goals": "assigned"}),
             "rules.goals is 'assigned' with arrangement 'ranks', expected 'unassigned'",
         ),
     ],

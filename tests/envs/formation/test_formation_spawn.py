@@ -16,6 +16,7 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import state_size
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Seeds
+from tests.envs.worlds import NO_OBSTACLES, rules_of
 from tests.support.pairs import every
 
 NAMES = ("formation", "formation-n3", "formation-n8", "formation-n16", "formation-easy",
@@ -81,11 +82,6 @@ def test_every_episode_keeps_its_promises(name: str) -> None:
         assert low - 1e-9 <= n_blocked / len(motions) <= high + 1e-9
 
 
-def with_rules(name: str = "formation", **rules: Any) -> TaskSpec:
-    spec = preset(name)
-    return spec.with_updates(rules={**spec.rules.model_dump(), **rules})
-
-
 @pytest.mark.parametrize(
     ("rules", "message"),
     [
@@ -98,7 +94,7 @@ def with_rules(name: str = "formation", **rules: Any) -> TaskSpec:
 )
 def test_contradictions_are_refused(rules: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
-        Formation(with_rules(**rules))
+        Formation(rules_of(preset("formation"), **rules))
 
 
 def test_a_team_that_nothing_can_block_is_refused() -> None:
@@ -107,8 +103,8 @@ def test_a_team_that_nothing_can_block_is_refused() -> None:
 
 
 def test_what_cannot_be_drawn_says_so() -> None:
-    spec = with_rules(blocked=(0.39, 0.4)).with_updates(
-        obstacles={"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}, spawn={"max_attempts": 20}
+    spec = rules_of(preset("formation"), blocked=(0.39, 0.4)).with_updates(
+        obstacles=NO_OBSTACLES, spawn={"max_attempts": 20}
     )
     with pytest.raises(SpawnError, match=r"seed 3 in 20 attempts: .* block a slot 39% to 40%"):
         spawned(spec, np.array([3], dtype=np.uint64))

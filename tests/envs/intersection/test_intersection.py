@@ -15,12 +15,9 @@ from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.types import Float, Int, Seeds
+from tests.envs.worlds import seeds_of
 from tests.support.made_episodes import cut, played
 from tests.support.pairs import slow
-
-
-def seeds(*values: int) -> Seeds:
-    return np.array(values, dtype=np.uint64)
 
 
 def own_of(states: Float, n_agents: int) -> Float:
@@ -86,11 +83,11 @@ def test_a_robot_in_its_entry_waits_until_its_trip_is_due() -> None:
     spec = preset("intersection").with_updates(team=[{"count": 1}])
     task, idle = Placed(spec), np.zeros((1, 1, 2))
     due = drawn(5, 0, 0, 1) * 6.0
-    step = TaskEnv(Intersection(spec), 1).reset(seeds(5))
+    step = TaskEnv(Intersection(spec), 1).reset(seeds_of(5))
     arm = arm_at(*robots_of(step.states, 1)[0, 0, : Y + 1])
     task.position = tuple(task.junction.entries[arm])
     env = TaskEnv(task, 1, KinematicBackend)
-    step = env.reset(seeds(5))
+    step = env.reset(seeds_of(5))
     names = [feature.name for feature in env.features]
     n_waited = 0
     while not own_of(step.states, 1)[0, 0, 0]:
@@ -122,11 +119,6 @@ def test_metrics_are_what_their_names_say() -> None:
     values = Intersection(spec).episode_metrics(cut(episode, states))
     assert values["waiting_time"] == pytest.approx(3.0)
     assert values["deadlocks"] == 0.0
-
-
-def test_drawn_obstacles_are_refused() -> None:
-    with pytest.raises(SpecError, match=r"task 'intersection', whose layout is fixed"):
-        Intersection(preset("intersection").with_updates(obstacles={"circles": 1, "boxes": 0}))
 
 
 IDS = np.arange(2**62, 2**62 + 100, dtype=np.uint64)

@@ -15,6 +15,7 @@ from swarmdata.specs.state_layout import UX, UY, VX, VY
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
 from tests.envs.physics.scenes import Numbers, Scene
+from tests.envs.worlds import NO_OBSTACLES
 
 SIMULATORS = ("pymunk", "public", "mujoco", "kinematic")
 WITH_CONTACTS = SIMULATORS[:3]
@@ -124,8 +125,7 @@ def test_the_wheels_of_a_differential_drive_share_their_speed(
         pytest.importorskip("mujoco", reason="mujoco is not installed")
     robot = Robot(dynamics="unicycle", drive="differential", max_acceleration=6.0)
     team = [{"count": 1, "robot": robot.model_dump()}]
-    nothing = dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)
-    env = make_env(TaskSpec.parse({"team": team, "obstacles": nothing, "backend": backend}))
+    env = make_env(TaskSpec.parse({"team": team, "obstacles": NO_OBSTACLES, "backend": backend}))
     env.reset(np.array([3], np.uint64))
     steps = [env.step(np.array([[command]], np.float32)) for _ in range(3)]
     (x0, y0), (x1, y1) = (each.states[0, [UX, UY]].astype(float) for each in steps[-2:])

@@ -1,7 +1,5 @@
 """Motors: commands arrive late, are followed with a lag, and are forgotten at a reset."""
 
-import json
-
 import numpy as np
 
 from swarmdata.envs.physics.dynamics import Motors
@@ -9,6 +7,7 @@ from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import Double
+from tests.envs.worlds import NO_OBSTACLES
 
 ALL = np.ones(2, np.bool_)
 SEEDS = np.arange(2, dtype=np.uint64)
@@ -36,11 +35,8 @@ def followed(motors: Motors, given: Double, first: int = 1) -> Double:
     return np.array(rows)
 
 
-def test_robots_without_either_have_no_motors_and_the_old_hash() -> None:
+def test_robots_without_either_have_no_motors() -> None:
     assert Motors.of(TaskSpec(), 4) is None
-    assert {"command_delay", "actuator_lag"}.isdisjoint(json.loads(Robot().to_json()))
-    late = Robot(command_delay=1, actuator_lag=0.1)
-    assert Robot.from_text(late.to_yaml()) == late
 
 
 def test_each_robot_has_its_own_delay() -> None:
@@ -56,8 +52,7 @@ def test_each_robot_has_its_own_delay() -> None:
 
 
 def test_a_late_robot_drives_the_same_way_later() -> None:
-    empty = {"obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)}
-    spec = TaskSpec.parse({**empty, "team": [{"count": 1}]})
+    spec = TaskSpec.parse({"obstacles": NO_OBSTACLES, "team": [{"count": 1}]})
     late = spec.with_updates(team=[{"count": 1, "robot": {"command_delay": 3}}])
     paths = []
     for each in (spec, late):

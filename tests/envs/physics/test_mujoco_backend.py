@@ -14,13 +14,12 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.task_spec import TaskSpec
 from tests.envs.physics.scenes import Scene
+from tests.envs.worlds import NO_OBSTACLES
 
 
 def test_free_robots_drive_as_in_pymunk() -> None:
     """Only the order of integration differs: positions by less than a step's change of speed."""
-    spec = TaskSpec.parse(
-        {"obstacles": dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)}
-    )
+    spec = TaskSpec.parse({"obstacles": NO_OBSTACLES})
     steps = {}
     for backend in ("pymunk", "mujoco"):
         env = make_env(spec.with_updates(backend=backend))

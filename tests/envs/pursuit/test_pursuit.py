@@ -15,8 +15,8 @@ from swarmdata.numerics.sight import is_in_sight
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, Y, robots_of
-from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Int, Seeds
+from tests.envs.worlds import NO_OBSTACLES, rules_of
 from tests.support.made_episodes import played
 
 SPEC = preset("pursuit")
@@ -24,11 +24,6 @@ OTHER_TERMS = (
     "success", "proximity", "robot_contact", "obstacle_contact", "robot_collision",
     "obstacle_collision",
 )  # fmt: skip
-NO_OBSTACLES = dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)
-
-
-def rules_of(spec: TaskSpec, **changes: Any) -> TaskSpec:
-    return spec.with_updates(rules={**spec.rules.model_dump(), **changes})
 
 
 @pytest.mark.parametrize("name", ["pursuit", "pursuit-n6"])

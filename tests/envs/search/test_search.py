@@ -12,16 +12,11 @@ from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.state_layout import TX, Y, robots_of
-from swarmdata.types import Seeds
-from tests.envs.places import check_places
+from tests.envs.worlds import check_places, seeds_of
 from tests.support.made_episodes import played
 
 SPEC = preset("search")
 BASE = np.array([-3.0, -3.0])
-
-
-def seeds(*values: int) -> Seeds:
-    return np.array(values, dtype=np.uint64)
 
 
 def test_victims_keep_their_distances() -> None:
@@ -129,4 +124,4 @@ def test_rules_that_no_team_can_keep_are_refused(rules: dict[str, Any], message:
 def test_more_victims_than_the_arena_holds_are_refused() -> None:
     spec = SPEC.with_updates(rules={"task": "search", "victims": 400}, spawn={"max_attempts": 3})
     with pytest.raises(SpawnError, match="and 400 victims need places too"):
-        make_env(spec, 1).reset(seeds(1))
+        make_env(spec, 1).reset(seeds_of(1))

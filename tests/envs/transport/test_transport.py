@@ -22,6 +22,7 @@ from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Episode, Float, Int, Seeds, Step
+from tests.envs.worlds import seeds_of
 
 DEFAULT = preset("transport")
 POSED: dict[str, Any] = {"payload": {"shape": "box"}, "goal_angle": 0.2}
@@ -37,10 +38,6 @@ POSE = with_rules(**POSED)
 
 def team(base: TaskSpec, count: int, **robot: Any) -> TaskSpec:
     return base.with_updates(team=[{"count": count, "robot": robot}])
-
-
-def ids(*values: int) -> Seeds:
-    return np.array(values, dtype=np.uint64)
 
 
 def parts(states: Float, n: int) -> tuple[Double, Double, Double]:
@@ -82,7 +79,7 @@ def box_gap(points: Double, body: Double, half: Double) -> Double:
 @pytest.mark.parametrize("spec", [DEFAULT, POSE], ids=["disc", "pose"])
 def test_features_are_what_the_module_says(spec: TaskSpec) -> None:
     task = Transport(spec)
-    states = play(TaskEnv(task, 4), ids(1, 2, 3, 4), 30)[-1].states
+    states = play(TaskEnv(task, 4), seeds_of(1, 2, 3, 4), 30)[-1].states
     out = np.full((4, 4, len(task.features)), np.nan, dtype=np.float32)
     task.write_features(states, np.zeros((4, 0, 8), np.float32), np.array([1, 1, 0, 1], bool), out)
     robots, bodies, extras = parts(states, 4)
@@ -107,7 +104,7 @@ def test_features_are_what_the_module_says(spec: TaskSpec) -> None:
 
 def test_robots_feel_the_obstacles_around_the_payload() -> None:
     env = TaskEnv(Transport(DEFAULT), 6)
-    step = play(env, ids(*range(6)), 20)[-1]
+    step = play(env, seeds_of(*range(6)), 20)[-1]
     names = [feature.name for feature in env.task.features]
     first = len(env.features) - len(names) + names.index("payload_obstacle_0.near_x")
     found = step.observations[:, :, first : first + 4].reshape(6, -1, 2, 2)
@@ -125,7 +122,7 @@ def test_robots_feel_the_obstacles_around_the_payload() -> None:
 def still(spec: TaskSpec) -> tuple[TaskEnv, Step]:
     """A world without physics, to put the payload where a test wants it."""
     env = TaskEnv(Transport(spec), 1, KinematicBackend)
-    return env, env.reset(ids(3))
+    return env, env.reset(seeds_of(3))
 
 
 def solved_at(spec: TaskSpec, offset: float, angle: float = 0.0) -> bool:
@@ -227,7 +224,7 @@ def test_another_tasks_spec_and_too_little_room_are_refused() -> None:
         Transport(TaskSpec(rules=NavigationRules()))
     tight = with_rules(room=3.0).with_updates(spawn={"max_attempts": 3})
     with pytest.raises(SpawnError, match="no layout found for seed 5 in 3 attempts"):
-        make_env(tight).reset(ids(5))
+        make_env(tight).reset(seeds_of(5))
 
 
 # ---- physics and metrics
@@ -251,7 +248,7 @@ class Push:
 @pytest.mark.parametrize("spec", [DEFAULT, POSE], ids=["disc", "pose"])
 def test_metrics_are_those_of_the_recorded_states(spec: TaskSpec) -> None:
     env = make_env(spec.with_updates(horizon=120), 2)
-    for episode in rollout(env, Push(), ids(4, 5)):
+    for episode in rollout(env, Push(), seeds_of(4, 5)):
         assert env.task.episode_metrics(episode) == pytest.approx(
             expected_metrics(spec, episode), abs=1e-5
         )

@@ -7,14 +7,14 @@ import pytest
 
 from swarmdata.envs.warehouse.floor_plan import FloorPlan
 from swarmdata.envs.warehouse.warehouse import ROBOT_EXTRAS, Warehouse
-from swarmdata.envs.world.spawn import OBSTACLE_COUNTS
-from swarmdata.errors import SpawnError, SpecError
+from swarmdata.errors import SpawnError
 from swarmdata.numerics.random import STREAMS, derive, uniform
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.state_layout import N_COLUMNS, TX, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Double, Episode, Float, Seeds
+from swarmdata.types import Bool, Double, Episode, Float
+from tests.envs.worlds import NO_OBSTACLES, seeds_of
 from tests.support.made_episodes import cut, played
 from tests.support.pairs import every, slow
 
@@ -24,12 +24,7 @@ PRESETS = [name for name in preset_names() if name.startswith("warehouse")]
 def spec_of(n_agents: int = 4, robot: dict[str, Any] | None = None, **rules: Any) -> TaskSpec:
     team = [{"count": n_agents, "robot": robot or {}}]
     rules = {"task": "warehouse", **rules}
-    nothing = dict.fromkeys(OBSTACLE_COUNTS, 0)
-    return TaskSpec.parse({"rules": rules, "team": team, "horizon": 400, "obstacles": nothing})
-
-
-def seeds(*values: int) -> Seeds:
-    return np.array(values, dtype=np.uint64)
+    return TaskSpec.parse({"rules": rules, "team": team, "horizon": 400, "obstacles": NO_OBSTACLES})
 
 
 def own_of(states: Float, n_agents: int) -> Float:
@@ -61,22 +56,10 @@ def test_robots_start_with_their_first_order(name: str) -> None:
     assert not own_of(step.states, n).any()
 
 
-def test_every_place_and_station_is_drawn() -> None:
-    plan = Warehouse(spec_of()).plan
-    drawn = {
-        tuple(drawn_target(plan, seed, robot, order, carries))
-        for seed in range(20)
-        for robot in range(4)
-        for order in range(5)
-        for carries in (False, True)
-    }
-    assert drawn == {tuple(place) for place in plan.places}
-
-
 def test_more_robots_than_the_floor_holds_are_refused() -> None:
     spec = spec_of(60).with_updates(spawn={"max_attempts": 3})
     with pytest.raises(SpawnError, match="60 robots with their gaps do not fit"):
-        make_env(spec, 1).reset(seeds(1))
+        make_env(spec, 1).reset(seeds_of(1))
 
 
 def account(spec: TaskSpec, episode: Episode) -> Bool:
@@ -141,8 +124,3 @@ def test_metrics_are_what_their_names_say() -> None:
     assert values["throughput"] == pytest.approx(3 / 2 / (6.0 / 60))
     assert values["deadlocks"] == 1.0
     assert values["carrying_time"] == pytest.approx(20 / 60 / 2)
-
-
-def test_drawn_obstacles_are_refused() -> None:
-    with pytest.raises(SpecError, match=r"'circles': 1.* task 'warehouse', whose layout is fixed"):
-        Warehouse(preset("warehouse").with_updates(obstacles={"circles": 1, "boxes": 0}))

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
+from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import clearance
-from swarmdata.registry.components import make_env
+from swarmdata.registry.components import make_env, make_task
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.state_layout import N_COLUMNS, TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float
-from tests.envs.places import ROUNDING, check_obstacles, check_places
+from tests.envs.worlds import ROUNDING, check_obstacles, check_places
 from tests.support.pairs import every, slow
 
 
@@ -93,3 +94,9 @@ def test_goals_keep_the_distances_of_the_spec(name: str) -> None:
 def test_different_seeds_give_different_layouts() -> None:
     step = make_env(TaskSpec(), 64).reset(np.arange(64, dtype=np.uint64))
     assert len(np.unique(step.layouts.reshape(64, -1), axis=0)) == 64
+
+
+@pytest.mark.parametrize("name", ["warehouse", "intersection", "coop_nav-swap", "coop_nav-ranks"])
+def test_drawn_obstacles_are_refused_where_the_layout_is_fixed(name: str) -> None:
+    with pytest.raises(SpecError, match=r"'circles': 1.*, whose layout is fixed"):
+        make_task(preset(name).with_updates(obstacles={"circles": 1, "boxes": 0}))

@@ -22,13 +22,9 @@ from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, Y, robots_of
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double, Seeds, Step
+from tests.envs.worlds import NO_OBSTACLES, assert_same, seeds_of
 
 UNICYCLES = {"team": [{"count": 4, "robot": {"dynamics": "unicycle"}}]}
-EMPTY = {"obstacles": {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}}
-
-
-def seeds(*values: int) -> Seeds:
-    return np.array(values, dtype=np.uint64)
 
 
 def crowd(step: Step, n_agents: int) -> Double:
@@ -45,24 +41,18 @@ def play(env: TaskEnv, ids: Seeds, n_steps: int) -> list[Step]:
     return steps
 
 
-def assert_same(left: list[Step], right: list[Step]) -> None:
-    for a, b in zip(left, right, strict=True):
-        for name in Step._fields:
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
-
-
 def test_a_partial_reset_leaves_the_other_copies_alone() -> None:
     env = make_env(TaskSpec(), 3)
-    env.reset(seeds(1, 2, 3))
+    env.reset(seeds_of(1, 2, 3))
     for _ in range(30):
         before = env.step(np.full((3, 4, 2), 0.4))
-    after = env.reset(seeds(9), np.array([1]))
+    after = env.reset(seeds_of(9), np.array([1]))
     for name in Step._fields:
         for copy in (0, 2):
             np.testing.assert_array_equal(getattr(before, name)[copy], getattr(after, name)[copy])
     assert (after.seeds[1], after.times[1]) == (9, 0)
     np.testing.assert_array_equal(
-        after.states[1], make_env(TaskSpec(), 1).reset(seeds(9)).states[0]
+        after.states[1], make_env(TaskSpec(), 1).reset(seeds_of(9)).states[0]
     )
 
 
@@ -86,7 +76,7 @@ def test_actions_of_another_shape_or_kind_are_refused(actions: NDArray[np.generi
     env = make_env(TaskSpec(), 2)
     with pytest.raises(SchemaError, match="before the first reset"):
         env.step(actions)  # type: ignore[arg-type]
-    env.reset(seeds(1, 2))
+    env.reset(seeds_of(1, 2))
     with pytest.raises(SchemaError, match=r"expected float32 or float64 \[2, 4, 2\] \[E, N, A\]"):
         env.step(actions)  # type: ignore[arg-type]
 
@@ -101,17 +91,6 @@ def test_a_collision_ends_the_episode_where_the_spec_says_so() -> None:
         assert not step.successes[hit].any()
 
 
-def test_without_contacts_a_holonomic_robot_reaches_the_velocity_it_is_told() -> None:
-    env = TaskEnv(make_task(TaskSpec.parse(EMPTY)), 1, KinematicBackend)
-    env.reset(seeds(1))
-    command = np.broadcast_to([0.6, -0.8], (1, 4, 2)).astype(np.float32)
-    for _ in range(6):  # 0.6 m/s at 1.5 m/s^2 takes 4 control steps
-        step = env.step(command)
-    velocity = robots_of(step.states, 4)[0, :, VX : VY + 1]
-    np.testing.assert_allclose(velocity, np.broadcast_to([0.36, -0.48], (4, 2)), atol=1e-6)
-    assert not step.events.any()
-
-
 def test_the_spec_chooses_the_simulator(monkeypatch: pytest.MonkeyPatch) -> None:
     env = TaskEnv(make_task(TaskSpec(backend="kinematic")))
     assert isinstance(env._blocks[0]._world._backend, KinematicBackend)
@@ -122,8 +101,8 @@ def test_the_spec_chooses_the_simulator(monkeypatch: pytest.MonkeyPatch) -> None
 
 @pytest.mark.parametrize("backend", [KinematicBackend, PublicBackend])
 def test_a_unicycle_drives_along_its_heading_only(backend: type[KinematicBackend]) -> None:
-    env = TaskEnv(make_task(TaskSpec.parse({**UNICYCLES, **EMPTY})), 1, backend)
-    step = env.reset(seeds(4))
+    env = TaskEnv(make_task(TaskSpec.parse({**UNICYCLES, "obstacles": NO_OBSTACLES})), 1, backend)
+    step = env.reset(seeds_of(4))
     start = robots_of(step.states, 4)[0]
     assert len(np.unique(start[:, UX])) == 4, "headings are drawn"
     command = np.broadcast_to([0.5, 0.6], (1, 4, 2)).astype(np.float32)
@@ -149,7 +128,7 @@ def test_compiling_the_physics_first_changes_no_bit(task: str) -> None:
 
     prepared.compile_physics()
 
-    assert_same(play(plain, seeds(3, 4), 20), play(prepared, seeds(3, 4), 20))
+    assert_same(play(plain, seeds_of(3, 4), 20), play(prepared, seeds_of(3, 4), 20))
 
 
 TALKING = TaskSpec(communication={"kind": "broadcast"})  # type: ignore[arg-type]  # parsed
@@ -170,7 +149,7 @@ def test_no_two_steps_share_what_is_written(spec: TaskSpec, n_copies: int) -> No
 
 
 def test_keep_ended_leaves_active_copies_alone() -> None:
-    before = make_env(TaskSpec(), 3).reset(seeds(1, 2, 3))
+    before = make_env(TaskSpec(), 3).reset(seeds_of(1, 2, 3))
     now = StepMaker(before).after(before)
     for name in LASTING_FIELDS:
         getattr(now, name)[:] = 1

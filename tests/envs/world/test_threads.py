@@ -15,6 +15,7 @@ from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS, Seeds, Step
+from tests.envs.worlds import assert_same
 from tests.support.pairs import once_each
 
 MODELS: dict[str, dict[str, Any]] = {
@@ -48,12 +49,6 @@ def drive(env: VecEnv, n_steps: int) -> list[Step]:
             steps.append(env.reset(some_seeds(len(ended), used), ended))
             used += len(ended)
     return steps
-
-
-def assert_same(left: list[Step], right: list[Step]) -> None:
-    for a, b in zip(left, right, strict=True):
-        for name in Step._fields:
-            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
 @pytest.mark.parametrize(("task", "models"), once_each(tuple(TASKS), tuple(MODELS)))

@@ -1,12 +1,39 @@
-"""Whether places keep the distances that a spec asks for."""
+"""Specs and seeds of worlds, and whether steps are the same and places keep their distances."""
+
+from typing import Any
 
 import numpy as np
 
 from swarmdata.numerics.geometry import bounding_radius, clearance
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float
+from swarmdata.types import Double, Float, Seeds, Step
 
 ROUNDING = 1e-5
+NO_OBSTACLES = {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}
+
+
+def seeds_of(*values: int) -> Seeds:
+    """Episode seeds, [len(values)]."""
+    return np.array(values, dtype=np.uint64)
+
+
+def rules_of(spec: TaskSpec, **changes: Any) -> TaskSpec:
+    """The spec with other rules in part."""
+    return spec.with_updates(rules={**spec.rules.model_dump(), **changes})
+
+
+def arranged(spec: TaskSpec, arrangement: dict[str, Any] | None = None, **fields: Any) -> TaskSpec:
+    """The spec with another arrangement in part, and with other fields."""
+    plain = spec.model_dump()
+    plain["rules"]["arrangement"] |= arrangement or {}
+    return TaskSpec.parse({**plain, **fields})
+
+
+def assert_same(left: list[Step], right: list[Step]) -> None:
+    """Checks that all arrays of all steps are equal."""
+    for a, b in zip(left, right, strict=True):
+        for name in Step._fields:
+            np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
 
 
 def gaps_of(points: Double, radii: Double) -> Double:
