@@ -147,7 +147,6 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
 
 
 def _frame(tensors: dict[str, Double], source: str) -> Frame | None:
-    """Returns the frame in a file's tensors, None if there is none."""
     if not tensors:
         return None
     names, parts = (*FRAME_TENSORS, HEARD_TENSOR), {HEARD_TENSOR: np.empty((0, 3)), **tensors}

@@ -83,5 +83,4 @@ class Alone(Naive):
 
 
 def _repeated(step: Step, times: int) -> Step:
-    """Repeats every copy."""
     return Step._make(np.repeat(array, times, axis=0) for array in step)

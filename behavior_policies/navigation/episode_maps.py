@@ -69,7 +69,6 @@ class EpisodeMaps:
         self._allocate(0)
 
     def _allocate(self, n_copies: int) -> None:
-        """Makes room for the maps of `n_copies` episodes; none is valid yet."""
         check_maps(self._spec, max(n_copies, 1), self._n_goals)
         arena = self._spec.arena
         rows, columns = grid_shape(arena, NODE_SPACING)

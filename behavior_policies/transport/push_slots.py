@@ -114,7 +114,6 @@ def fill_arc(search: SlotSearch, limit: int, out: Double) -> int:
 
 @kernel
 def _face_cosine(search: SlotSearch, face: int) -> float:
-    """Cosine between the push at a face and the payload's direction."""
     nx, ny = face_normal(search.payload.body, face)
     return nx * search.direction[0] + ny * search.direction[1]
 

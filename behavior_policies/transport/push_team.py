@@ -53,7 +53,6 @@ def assign_slots(
 
 @kernel
 def _swap(costs: Double, out: Int) -> None:
-    """Swaps the slots of two robots as long as that shortens their paths together."""
     n, has_changed = costs.shape[0], True
     while has_changed:
         has_changed = False

@@ -113,7 +113,6 @@ def _check_rules(rules: FormationRules, top: float, width: float) -> None:
 
 @kernel
 def _is_clear_of_path(row: Float, poses: Double, path_clearance: float) -> bool:
-    """Whether an obstacle keeps its distance from the path."""
     reach = bounding_radius(row) + path_clearance
     x, y = float(row[1]), float(row[2])
     for k in range(poses.shape[0]):

@@ -327,7 +327,6 @@ class Intersection:
 
 
 def _definitions(rules: IntersectionRules, junction: Junction) -> dict[str, str]:
-    """The floor, what an episode draws, and what metrics count, for readers of a dataset."""
     gates = {
         name: ", ".join(f"({x:.9g}, {y:.9g})" for x, y in places)
         for name, places in (("Entries", junction.entries), ("exits", junction.exits))

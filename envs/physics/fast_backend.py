@@ -110,7 +110,6 @@ def _step_space(
     dt: float,
     robots: Double,
 ) -> None:
-    """Makes one step of Munk2D and reads the robots."""
     for i in range(robots.shape[0]):  # Munk2D clears forces in every step
         mass = limits[i, MASS]
         x, y = mass * accelerations[i, 0], mass * accelerations[i, 1]

@@ -22,7 +22,6 @@ MOST_PARTS = 16
 
 @kernel(inline="always")
 def _deepens(old: float, new: float) -> bool:
-    """Whether a gap becomes a deep overlap, or a deeper one."""
     return new < -DEEPEST_OVERLAP and new < old - CREEP
 
 

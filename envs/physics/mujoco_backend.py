@@ -48,8 +48,6 @@ N_WORDS = 2 * len(Coordinates._fields)  # of packed `Coordinates`: an address an
 
 
 class _Copy(NamedTuple):
-    """The world of one copy."""
-
     model: Any  # mujoco.MjModel
     data: Any  # mujoco.MjData
     option: Any  # of the model
@@ -108,7 +106,6 @@ def _push(packed: Int, k: int, active: Bool, commands: Double, slack: Double) ->
 
 @kernel
 def _steer(packed: Int, s: int, commands: Double) -> None:
-    """Writes the wheels' speeds in step `s` of MuJoCo."""
     ours = unpack(packed, WORLDS)
     for b in range(ours.n_steps.shape[0]):
         if ours.n_steps[b] <= s:
@@ -158,7 +155,6 @@ def _read(packed: Int, s: int, touching: Bool, static: Bool, slack: Double, even
 
 @kernel
 def _write(packed: Int, active: Bool, states: Float) -> None:
-    """Writes the states of the active copies."""
     ours = unpack(packed, WORLDS)
     for b in range(active.shape[0]):
         if active[b]:
@@ -203,7 +199,6 @@ class MujocoBackend:
             self._start(b, load)
 
     def _start(self, b: int, payloads: Double) -> None:
-        """Begins an episode in copy `b`."""
         ours, copy = self.worlds, self._copies[b] or self._new(b)
         self._model.write_obstacles(copy.model, ours.layouts[b])
         is_same = np.array_equal(copy.limits, ours.limits[b])
@@ -222,7 +217,6 @@ class MujocoBackend:
                 positions[3], velocities[3] = np.arctan2(row[5], row[4]), row[6]
 
     def _new(self, b: int) -> _Copy:
-        """Makes the world of copy `b`, in which no episode has begun."""
         model, ours = self._model.new(), self.worlds
         data = mujoco.MjData(model)
         found = Coordinates(data.ctrl, data.qpos, data.qvel)

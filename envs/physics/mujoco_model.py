@@ -88,8 +88,6 @@ def _write_shapes(
 
 
 class _Planar(NamedTuple):
-    """The parts of a robot on slides that episodes change."""
-
     body: Any
     hull: Any  # a geom
 
@@ -100,8 +98,6 @@ class _Planar(NamedTuple):
 
 
 class _Pushed(NamedTuple):
-    """The parts of a payload that episodes change."""
-
     body: Any
     foot: Any  # a geom
 
@@ -182,7 +178,6 @@ class WorldModel:
         model.stat.meaninertia = sum_in_order(model.dof_M0.tolist()) / model.nv  # solver's unit
 
     def _add_robot(self, name: str, robot: Robot) -> "_Planar | Wheeled":
-        """Adds a robot on two driven slides, or on wheels."""
         if robot.base == "wheels":
             return add_wheeled(self.source, name, robot, self._contact)
         body = self._add_body(name)
@@ -233,7 +228,6 @@ class WorldModel:
             self.source.add_actuator(name=name, target=name, trntype=joint)
 
     def _add_payload(self, name: str, payload: Payload) -> _Pushed:
-        """Adds a body that slides on the floor."""
         length, width, body = payload.half_length, payload.half_width, self._add_body(name)
         for axis in range(3):
             self._add_slide(body, f"{name}_{'xyz'[axis]}", axis)

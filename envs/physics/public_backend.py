@@ -95,7 +95,6 @@ def _movable(
 
 
 def _static_shapes(ground: pymunk.Body, plan: Plan, layout: Float) -> list[pymunk.Shape]:
-    """Walls, then obstacles in layout order, [M, 8]."""
     spec = plan.spec
     t = spec.arena.wall_thickness
     x, y = spec.arena.width / 2 + t, spec.arena.height / 2 + t

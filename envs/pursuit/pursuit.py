@@ -396,7 +396,6 @@ class Pursuit:
 
 
 def _check_captors(spec: TaskSpec, rules: PursuitRules) -> None:
-    """Raises if robots cannot capture evaders, or do not start in the arena."""
     if rules.captors > spec.n_agents:
         raise SpecError(
             f"captors is {rules.captors} in a team of {spec.n_agents} robots, expected at most "

@@ -141,7 +141,6 @@ def pursuit_columns(spec: TaskSpec, columns: Columns) -> tuple[Column, ...]:
 
 
 def _memory_columns(prefix: str, spec: TaskSpec) -> tuple[Column, ...]:
-    """What a robot remembers of an evader."""
     return (
         Column(
             f"{prefix}known",

@@ -209,7 +209,6 @@ def _mark(canvas: Canvas, scene: Scene, i: int) -> None:
 
 
 def _turned(shape: Double, place: Double, heading: tuple[float, float]) -> Double:
-    """Returns the positions of points given as (ahead, left), [K, 2]."""
     ux, uy = heading
     ahead, left = shape[:, 0], shape[:, 1]
     return place + np.stack([ahead * ux - left * uy, ahead * uy + left * ux], axis=1)

@@ -193,7 +193,6 @@ def _raw(first: Any, images: Iterator[Any], n_rest: int) -> Iterator[bytes]:
 
 
 def _feed(command: list[str], chunks: Iterable[bytes], path: Path) -> None:
-    """Runs ffmpeg on the chunks."""
     with TemporaryFile() as log:  # a pipe would fill up and stop both
         with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=log) as process:
             assert process.stdin is not None

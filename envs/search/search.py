@@ -314,7 +314,6 @@ class Search:
 
 
 def _check_helpers(spec: TaskSpec, rules: SearchRules) -> None:
-    """Raises if a victim needs more robots than there are, or than fit around it."""
     if rules.helpers > spec.n_agents:
         raise SpecError(
             f"helpers is {rules.helpers} in a team of {spec.n_agents} robots, expected at most "
@@ -330,7 +329,6 @@ def _check_helpers(spec: TaskSpec, rules: SearchRules) -> None:
 
 
 def _extras(spec: TaskSpec, n_victims: int, n_cells: int) -> tuple[Column, ...]:
-    """The task's own columns of a state, in the order of `floor_memory.Columns`."""
     places = (
         column
         for k in range(n_victims)

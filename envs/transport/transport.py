@@ -95,7 +95,6 @@ _LAYOUT_STREAM = STREAMS["layout"]
 
 @kernel
 def _draw_direction(bits: np.uint64, out: Float) -> None:
-    """Writes a random unit vector, [2]."""
     out[0], out[1] = direction_of(to_uniform(absorb(bits, 0)), to_uniform(absorb(bits, 1)))
 
 

@@ -121,7 +121,6 @@ def _check_room(
 
 
 def _count(n: int) -> Double:
-    """Returns 0, 1, ..., n - 1."""
     return np.arange(n, dtype=np.float64)
 
 

@@ -271,7 +271,6 @@ class Warehouse:
 
 
 def _definitions(rules: WarehouseRules, plan: FloorPlan) -> dict[str, str]:
-    """The floor, what an episode draws, and what metrics count, for readers of a dataset."""
     points = [f"({x:.9g}, {y:.9g})" for x, y in plan.places.tolist()]
     picks, stations = points[: plan.n_picks], points[plan.n_picks :]
     middles = ", ".join(f"{y:.9g}" for y in plan.middles.tolist())

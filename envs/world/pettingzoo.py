@@ -159,7 +159,6 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         """Does nothing: there is no window."""
 
     def _joint(self, actions: dict[str, Float]) -> Float:
-        """Returns the actions as one array, [1, N, A]."""
         try:
             return np.array([[actions[name] for name in self.agents]], dtype=np.float32)
         except KeyError:
