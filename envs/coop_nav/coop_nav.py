@@ -84,11 +84,7 @@ def _goal_distance(state: Float, i: int) -> float:
 
 
 class CoopNav:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, or contradicts itself.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "reached_fraction": Metric(

@@ -137,11 +137,7 @@ def write_formation_features(states: Float, active: Bool, n: int, out: Float) ->
 
 
 class Formation:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, or contradicts itself.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "formation_rmse": Metric(

@@ -198,10 +198,7 @@ def _draw_one(
 def _draw(
     seeds: Seeds, copies: Int, plan: EpisodePlan, points: int, layouts: Float, states: Float
 ) -> int:
-    """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed.
-
-    `points`: where the control points begin in a state.
-    """
+    """Draws the episodes `seeds`; returns how many were drawn before one failed."""
     state, n = np.empty(1, np.uint64), plan.spawn.radii.shape[0]
     poses = np.empty((plan.checks.shape[0], 4))
     for k in range(copies.shape[0]):

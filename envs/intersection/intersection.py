@@ -236,12 +236,7 @@ def write_intersection_features(
 
 
 class Intersection:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, its floor has no room for arms or robots, or it asks
-            for drawn obstacles.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "crossings": Metric("crossings", "", "higher", "trips that the team ended"),

@@ -293,12 +293,7 @@ def write_pursuit_features(states: Float, active: Bool, columns: Columns, out: F
 
 
 class Pursuit:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, an evader needs more robots than there are, or than
-            can come so close, or the robots' square is larger than the arena.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "evaders_captured": Metric(

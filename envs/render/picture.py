@@ -188,10 +188,7 @@ def draw_robots(canvas: Canvas, scene: Scene) -> None:
 
 
 def _mark(canvas: Canvas, scene: Scene, i: int) -> None:
-    """Draws a role's mark along the heading: wedge, ringed triangle, double chevron, wedge on dark.
-
-    A holonomic robot at rest gets a dot instead, in the same ring or on the same dark disc.
-    """
+    """Draws a role's mark along the heading; a holonomic robot at rest gets a dot instead."""
     place, radius, heading = scene.robots[i, [X, Y]], float(scene.radii[i]), scene.heading(i)
     x, y = place.tolist()
     role, color = scene.roles[i] % 4, WHITE
@@ -375,10 +372,7 @@ def _slots(canvas: Canvas, scene: Scene, targets: list[Target]) -> None:
 
 
 def _pose(canvas: Canvas, scene: Scene, _targets: list[Target]) -> None:
-    """Draws the payload's outline at its goal, its direction, and the disc its centre must reach.
-
-    If any direction will do, the outline has the payload's current direction.
-    """
+    """Draws the payload's outline at its goal, and the disc that its centre must reach."""
     look, goal, body = scene.look, scene.robots[0, [TX, TY]], scene.bodies[0]
     radius = look.radius or 0.0
     outline = wanted_outline(scene.look, scene.robots, scene.bodies, scene.extras)

@@ -214,12 +214,7 @@ def write_search_features(
 
 
 class Search:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, or victims need more robots than there are, or than
-            fit around them.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "victims_found": Metric("victims found", "", "higher", "victims that a robot has seen"),

@@ -123,12 +123,7 @@ def write_tag_features(states: Float, active: Bool, out: Float) -> None:
 
 
 class Tag:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, its team is not that of `tag`, or `Pursuit` refuses
-            its pursuers.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "tightest_ring": Metric(

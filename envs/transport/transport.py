@@ -108,10 +108,7 @@ def _place(
     robots: Float,
     body: Float,
 ) -> bool:
-    """Draws obstacles, the payload and its goal, then the robots; False if one found no place.
-
-    `radius`: [1] of the payload's bounding circle, m. `room`: free around the payload's start, m.
-    """
+    """Draws obstacles, payload and goal, then the robots; False if one found no place."""
     if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
         return False
     start, goal = np.zeros((1, 2), np.float32), np.zeros((1, 2), np.float32)
@@ -283,11 +280,7 @@ def write_transport_features(
 
 
 class Transport:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, or its obstacles leave no room for the payload.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "payload_distance": Metric(

@@ -180,12 +180,7 @@ def write_warehouse_features(
 
 
 class Warehouse:
-    """Implements `interfaces.Task`.
-
-    Raises:
-        SpecError: the spec is another task's, its floor has no room for shelves or robots, or
-            it asks for drawn obstacles.
-    """
+    """Implements `interfaces.Task`; raises a `SpecError` if the spec contradicts itself."""
 
     metrics: ClassVar[Mapping[str, Metric]] = {
         "deliveries": Metric("deliveries", "", "higher", "orders delivered by the team"),
