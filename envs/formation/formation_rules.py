@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 Previews = Annotated[tuple[Duration, ...], Field(max_length=64)]
 
-PATH_CHECK_STEPS = 4  # control steps between checked places of a path, as in `formation_spawn`
+PATH_CHECK_STEPS = 4  # control steps between checked places of a path
 
 
 class FormationRewards(Rewards):

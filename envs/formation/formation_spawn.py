@@ -1,6 +1,6 @@
 """Episodes of `formation`: a path, obstacles beside it that block some slots, then robots.
 
-In every episode, checked every `PATH_CHECK_STRIDE` control steps:
+In every episode, checked every `PATH_CHECK_STEPS` control steps:
 
 - all slots are inside the walls, and none moves faster than `MAX_SLOT_SPEED_SHARE` of the slowest
   robot's speed;
@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.formation.formation_rules import FormationRules
+from swarmdata.envs.formation.formation_rules import PATH_CHECK_STEPS, FormationRules
 from swarmdata.envs.formation.reference_path import PathPlan, draw_path, write_pose
 from swarmdata.envs.formation.shapes import reach_of
 from swarmdata.envs.world.spawn import (
@@ -37,7 +37,6 @@ from swarmdata.specs.state_layout import N_COLUMNS, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds
 
-PATH_CHECK_STRIDE = 4  # control steps between the places of a path that are checked
 MAX_SLOT_SPEED_SHARE = 0.8  # of the slowest robot's speed, at most; the rest is for catching up
 
 
@@ -77,7 +76,7 @@ def plan_episodes(spec: TaskSpec, rules: FormationRules, offsets: Double) -> Epi
     tangent = round(tangent * 2.0**20) / 2.0**20  # has the same bits on every platform
     n_loop = min(n_points, math.ceil(2.0 * math.pi / max(rules.max_turn, 0.1)))
     n_steps = max(spec.horizon, math.ceil(rules.segment_time / spec.control_dt))
-    steps = np.arange(0, n_steps + 1, PATH_CHECK_STRIDE, dtype=np.float64)
+    steps = np.arange(0, n_steps + 1, PATH_CHECK_STEPS, dtype=np.float64)
     return EpisodePlan(
         path=PathPlan(room, n_points, longest, tangent, n_loop, rate, reach, top),
         spawn=spawn,

@@ -1,6 +1,7 @@
 """A canvas with coordinates in metres: the few shapes that a world needs, drawn by Pillow."""
 
 import math
+from copy import copy
 from types import ModuleType
 from typing import Any
 
@@ -58,9 +59,7 @@ class Canvas:
 
     def copy(self) -> "Canvas":
         """Returns an independent canvas with the same content."""
-        twin = object.__new__(Canvas)
-        twin.scale, twin._left, twin._top = self.scale, self._left, self._top
-        twin._height, twin._caption = self._height, self._caption
+        twin = copy(self)
         twin._use(self._image.copy())
         return twin
 

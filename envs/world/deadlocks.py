@@ -44,14 +44,9 @@ def count_deadlocks(positions: Double, radii: Double, control_dt: float) -> int:
     return count
 
 
-def _groups(pairs: Bool) -> list[list[int]]:
-    """Returns the robots of each connected group of the symmetric relation `pairs`, [N, N]."""
-    left, groups = set(np.flatnonzero(pairs.any(1)).tolist()), []
-    while left:
-        group, edge = set[int](), {left.pop()}
-        while edge:
-            group |= edge
-            edge = {j for i in edge for j in np.flatnonzero(pairs[i]).tolist()} - group
-        left -= group
-        groups.append(sorted(group))
-    return groups
+def _groups(pairs: Bool) -> Bool:
+    """The connected groups of the symmetric relation `pairs`, as rows of who is in them, [G, N]."""
+    reach = pairs | np.eye(len(pairs), dtype=np.bool_)
+    for _ in range(len(pairs).bit_length()):
+        reach = reach @ reach
+    return np.unique(reach[pairs.any(1)], axis=0)

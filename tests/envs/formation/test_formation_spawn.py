@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.formation.formation import Formation
-from swarmdata.envs.formation.formation_rules import FormationRules
-from swarmdata.envs.formation.formation_spawn import MAX_SLOT_SPEED_SHARE, PATH_CHECK_STRIDE
+from swarmdata.envs.formation.formation_rules import PATH_CHECK_STEPS, FormationRules
+from swarmdata.envs.formation.formation_spawn import MAX_SLOT_SPEED_SHARE
 from swarmdata.envs.formation.reference_path import write_motion
 from swarmdata.envs.formation.shapes import slot_offsets
 from swarmdata.errors import SpawnError, SpecError
@@ -65,7 +65,7 @@ def test_every_episode_keeps_its_promises(name: str) -> None:
     top = MAX_SLOT_SPEED_SHARE * min(robot.max_speed for robot in spec.robots)
     for layout, state in zip(layouts, states, strict=True):
         motions = motions_of(
-            task, state, np.arange(0, spec.horizon + 1, PATH_CHECK_STRIDE, dtype=np.float64)
+            task, state, np.arange(0, spec.horizon + 1, PATH_CHECK_STEPS, dtype=np.float64)
         )
         n_blocked = 0
         for motion in motions:
