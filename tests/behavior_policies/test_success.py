@@ -22,7 +22,7 @@ PRESETS = [
     ("intersection", 20, *CROSSED),
     *slow(("intersection-easy", 20, *CROSSED), ("intersection-n8", 20, *CROSSED)),
     *((f"warehouse{kind}", 40, *DELIVERED) for kind in ("", "-easy", "-n3", "-hard")),
-    ("transport", 24, *solved(0.95)),
+    ("transport", 24, *solved(0.95, clean_success=0.8)),
     ("transport-easy", 8, *solved(0.99)),
     ("transport-n3", 12, *solved(0.8)),
     ("transport-n8", 8, *solved(0.8)),
