@@ -1,6 +1,6 @@
 """Randomized bodies: an episode is that of a spec with the drawn values, alone or in a batch."""
 
-from typing import Any
+from itertools import product
 
 import numpy as np
 import pymunk
@@ -25,6 +25,7 @@ from swarmdata.specs.randomization import BODY_RANGES, PAYLOAD_RANGES, Randomiza
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Seeds, Step
+from tests.envs.worlds import rules_of
 
 SEEDS = np.arange(40, 44, dtype=np.uint64)
 RANGES: dict[str, tuple[float, float]] = {
@@ -42,40 +43,27 @@ RANGES: dict[str, tuple[float, float]] = {
 LOADS: dict[str, tuple[float, float]] = {"payload_mass": (1.0, 9.0), "payload_friction": (0.5, 6.0)}
 
 
-def randomized(backend: str) -> TaskSpec:
+def ranged(preset_name: str, backend: str, ranges: dict[str, tuple[float, float]]) -> TaskSpec:
+    """A preset whose bodies each episode draws."""
     if backend == "mujoco":
         pytest.importorskip("mujoco", reason="mujoco is not installed")
-    ranges = dict(RANGES)
-    if backend == "kinematic":
-        del ranges["friction"]
-    return preset("coop_nav-unicycle").with_updates(backend=backend, randomization=ranges)
+    ranges = {k: each for k, each in ranges.items() if (backend, k) != ("kinematic", "friction")}
+    return preset(preset_name).with_updates(backend=backend, randomization=ranges)
 
 
 def fixed(spec: TaskSpec, seed: int) -> TaskSpec:
     """The spec with the values that an episode draws, which has no ranges."""
-    drawn = drawn_values(spec, np.array([seed], np.uint64))
-    team = []
+    drawn, team = drawn_values(spec, np.array([seed], np.uint64)), []
+    if isinstance(spec.rules, TransportRules):
+        values = {field: drawn[name][0, 0].item() for name, field in PAYLOAD_RANGES.items()}
+        return rules_of(spec, payload=spec.rules.payload.model_copy(update=values)).with_updates(
+            randomization=Randomization()
+        )
     for i, robot in enumerate(spec.robots):
-        values: dict[str, Any] = {name: rows[0, i].item() for name, rows in drawn.items()}
+        values = {name: rows[0, i].item() for name, rows in drawn.items()}
         values["command_delay"] = int(values["command_delay"])
         team.append(Role(name=f"r{i}", count=1, robot=robot.model_copy(update=values)))
     return spec.with_updates(team=team, randomization=Randomization())
-
-
-def loaded(backend: str) -> TaskSpec:
-    """A payload whose mass and friction each episode draws."""
-    if backend == "mujoco":
-        pytest.importorskip("mujoco", reason="mujoco is not installed")
-    return preset("transport").with_updates(backend=backend, randomization=LOADS)
-
-
-def fixed_payload(spec: TaskSpec, seed: int) -> TaskSpec:
-    """The spec with the payload that an episode draws, which has no ranges."""
-    drawn = drawn_values(spec, np.array([seed], np.uint64))
-    assert isinstance(spec.rules, TransportRules)
-    values = {field: drawn[name][0, 0].item() for name, field in PAYLOAD_RANGES.items()}
-    rules = spec.rules.model_copy(update={"payload": spec.rules.payload.model_copy(update=values)})
-    return spec.with_updates(rules=rules, randomization=Randomization())
 
 
 def play(env: VecEnv, seeds: Seeds, n_steps: int = 40) -> list[Step]:
@@ -103,36 +91,30 @@ def test_all_fields_of_bodies_are_tested_here() -> None:
     assert set(LOADS) == set(PAYLOAD_RANGES)
 
 
-@pytest.mark.parametrize("backend", ["pymunk", "mujoco", "kinematic"])
-def test_an_episode_is_that_of_the_drawn_values(backend: str) -> None:
-    spec = randomized(backend)
-    found, n_events = play(make_env(spec, 4), SEEDS), 0
+@pytest.mark.parametrize(
+    ("name", "backend"),
+    [*product(["coop_nav-unicycle"], ["pymunk", "mujoco", "kinematic"]),
+     *product(["transport"], ["pymunk", "mujoco"])],
+)  # fmt: skip
+def test_an_episode_is_that_of_the_drawn_values(name: str, backend: str) -> None:
+    """In used worlds too, in which episodes with other bodies ended."""
+    drive, ranges = (push, LOADS) if name == "transport" else (play, RANGES)
+    spec = ranged(name, backend, ranges)
+    used = make_env(spec, 4)
+    drive(used, SEEDS + np.uint64(100))
+    found, n_events = drive(used, SEEDS), 0
     for b, seed in enumerate(SEEDS.tolist()):
-        alone = play(make_env(fixed(spec, seed)), SEEDS[b : b + 1])
+        alone = drive(make_env(fixed(spec, seed)), SEEDS[b : b + 1])
         for ours, theirs in zip(found, alone, strict=True):
             np.testing.assert_array_equal(ours.states[b], theirs.states[0])
             n_events += int(ours.events[b].sum())
     assert n_events > 0 or backend == "kinematic"
-    usual = play(make_env(spec.with_updates(randomization=Randomization()), 4), SEEDS)
+    usual = drive(make_env(spec.with_updates(randomization=Randomization()), 4), SEEDS)
     np.testing.assert_array_equal(usual[0].states, found[0].states)
-    assert not np.array_equal(usual[-1].states, found[-1].states)
-
-
-@pytest.mark.parametrize("backend", ["pymunk", "mujoco"])
-def test_a_payload_is_the_one_that_an_episode_draws(backend: str) -> None:
-    """In used worlds too, in which episodes with other payloads ended."""
-    spec = loaded(backend)
-    used = make_env(spec, 4)
-    push(used, SEEDS + np.uint64(100))
-    found = push(used, SEEDS)
-    for b, seed in enumerate(SEEDS.tolist()):
-        alone = push(make_env(fixed_payload(spec, seed)), SEEDS[b : b + 1])
-        for ours, theirs in zip(found, alone, strict=True):
-            np.testing.assert_array_equal(ours.states[b], theirs.states[0])
-    usual = push(make_env(spec.with_updates(randomization=Randomization()), 4), SEEDS)
-    moved = np.abs(found[-1].states[:, -7:-5] - found[0].states[:, -7:-5]).max(1)
-    assert (moved > 0.1).any()
     assert not np.array_equal(usual[-1].states[:, -7:], found[-1].states[:, -7:])
+    if name == "transport":
+        moved = np.abs(found[-1].states[:, -7:-5] - found[0].states[:, -7:-5]).max(1)
+        assert (moved > 0.1).any()
 
 
 def test_payloads_have_the_moments_of_munk() -> None:
@@ -145,7 +127,7 @@ def test_payloads_have_the_moments_of_munk() -> None:
 
 
 def test_payloads_follow_from_the_drawn_values() -> None:
-    spec = loaded("pymunk")
+    spec = ranged("transport", "pymunk", LOADS)
     payload, drawn = Payload(), drawn_values(spec, SEEDS)
     rows = episode_payloads(spec, (payload,), SEEDS)
     np.testing.assert_array_equal(rows[:, 0, PAYLOAD_MASS], drawn["payload_mass"][:, 0])
@@ -156,7 +138,7 @@ def test_payloads_follow_from_the_drawn_values() -> None:
 
 
 def test_limits_follow_from_all_drawn_values() -> None:
-    spec = randomized("pymunk")
+    spec = ranged("coop_nav-unicycle", "pymunk", RANGES)
     limits = episode_limits(spec, SEEDS)
     for b, seed in enumerate(SEEDS.tolist()):
         np.testing.assert_allclose(limits[b], limits_of(fixed(spec, seed)), rtol=1e-15)

@@ -26,14 +26,10 @@ def scene_of(robots: Sequence[dict[str, Any]], rows: Numbers, layout: Float = NO
 
 
 def driven(
-    robots: Sequence[dict[str, Any]],
-    rows: Numbers,
-    commands: Numbers,
-    n_steps: int,
-    layout: Float = NOTHING,
+    robots: Any, rows: Numbers, commands: Numbers, n: int, layout: Float = NOTHING
 ) -> Double:
-    """The robots while they keep to commands, [n_steps, N, 8]."""
-    return scene_of(robots, rows, layout).drive(commands, n_steps)[0]
+    """The robots while they keep to commands for n steps, [n, N, 8]."""
+    return scene_of(robots, rows, layout).drive(commands, n)[0]
 
 
 def aside(rows: Double) -> Double:
