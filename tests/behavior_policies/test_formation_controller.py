@@ -13,7 +13,7 @@ from swarmdata.behavior_policies.formation_controller import (
     next_free_position,
 )
 from swarmdata.envs.formation.formation import Formation
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SpecError
 from swarmdata.numerics.geometry import CIRCLE, clearance
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
@@ -79,10 +79,6 @@ def test_a_slot_that_stays_blocked_has_no_free_position() -> None:
     assert not found[0]
 
 
-def test_wrong_use_is_refused() -> None:
-    spec = preset("formation")
+def test_another_tasks_spec_is_refused() -> None:
     with pytest.raises(SpecError, match="expected 'formation'"):
         FormationController(preset("coop_nav"))
-    _, step = a_step(spec, 1, 0)
-    with pytest.raises(SchemaError, match="no map"):
-        FormationController(spec).act(step)

@@ -10,7 +10,6 @@ import pytest
 
 from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env
-from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import UX, UY, VX, VY
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
@@ -134,27 +133,6 @@ def test_the_wheels_of_a_differential_drive_share_their_speed(
     share = (speed / robot.max_speed, turn / robot.max_turn_rate)
     clipped = np.clip(command, -1, 1)
     np.testing.assert_allclose(share, clipped / max(np.abs(clipped).sum(), 1.0), atol=0.01)
-
-
-def test_a_used_space_has_the_bodies_of_the_next_episode() -> None:
-    """Both backends of Pymunk have the same bits with heavy, rough robots, episode by episode."""
-    body = {"mass": 2.5, "friction": 0.7}
-    spec = preset("coop_nav-n3").with_updates(team=[{"count": 3, "robot": body}])
-    rng = np.random.default_rng(0)
-    fast, used = make_env(spec), make_env(spec)
-    n_events = 0
-    used.reset(np.array([9], np.uint64))
-    for _ in range(40):
-        used.step(rng.uniform(-1, 1, (1, 3, 2)))
-    for env in (fast, used):
-        env.reset(np.array([4], np.uint64))
-    for t in range(60):
-        if t % 8 == 0:
-            held = rng.uniform(-1, 1, (1, 3, 2))
-        one, other = fast.step(held), used.step(held)
-        assert all(map(np.array_equal, one, other))
-        n_events += int(one.events.sum())
-    assert n_events > 0
 
 
 def test_what_a_robot_or_a_simulator_has_not_is_refused() -> None:

@@ -297,5 +297,3 @@ def test_numbers_of_threads_are_checked() -> None:
     env.close()
     with pytest.raises(SchemaError, match="n_threads is 0, expected at least 1"):
         make_env(TaskSpec(), 4, n_threads=0)
-    with pytest.raises(SchemaError, match="1 copy and 1 thread"):
-        make_env(TaskSpec(), n_threads=2, api="pettingzoo")  # type: ignore[call-overload]
