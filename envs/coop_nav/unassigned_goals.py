@@ -52,7 +52,7 @@ def _holders(state: Float, n: int, radius: float, holders: Int) -> int:
 
 @kernel
 def _aim(state: Float, n: int, holders: Int) -> None:
-    """Writes each robot's target: the nearest goal that no other robot covers."""
+    """Writes each robot's target: the nearest goal that nobody holds, but perhaps itself."""
     for i in range(n):
         nearest, target = math.inf, 0
         for k in range(n):

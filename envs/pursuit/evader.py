@@ -148,8 +148,7 @@ def heading_value(
 ) -> float:
     """How good it is to flee along a row of `model.headings`; see the module.
 
-    `seen`: [P, 2] places of the pursuers that it sees, m, which drive at the evader if none
-    `stays`.
+    `seen`: [P, 2] places of the pursuers that it sees, m, which drive at it unless each `stays`.
     """
     time = model.lookahead / N_ROLL_STEPS
     step, reach = model.speed * time, model.pursuer_speed * time
