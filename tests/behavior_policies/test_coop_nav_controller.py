@@ -21,7 +21,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy_contract import check_policy
+from swarmdata.testing.policy_contract import check_batch_invariance, check_policy
 from swarmdata.types import Bool
 
 
@@ -40,17 +40,8 @@ def test_unassigned_goals_are_shared_out_by_least_squares() -> None:
 
 
 def test_an_assignment_stays_for_the_episode_and_other_copies() -> None:
-    spec = preset("coop_nav-unassigned")
-    env, policy = make_env(spec, 2), CoopNavController(spec)
-    step = env.reset(np.arange(2, dtype=np.uint64))
-    policy.reset(step, np.arange(2))
-    kept = policy._targets.copy()
-    for _ in range(10):
-        step = env.step(policy.act(step))
-    step = env.reset(np.array([7], dtype=np.uint64), np.array([1]))
-    policy.reset(step, np.array([1]))
-    np.testing.assert_array_equal(policy._targets[0], kept[0])
-    assert (policy._targets[1] != kept[1]).any()
+    spec = preset("coop_nav-unassigned").with_updates(horizon=20)
+    check_batch_invariance(CoopNavController(spec), spec, make_env, 4)
 
 
 def test_assigned_goals_are_the_generic_controllers() -> None:

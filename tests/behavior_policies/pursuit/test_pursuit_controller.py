@@ -8,6 +8,7 @@ from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.testing.policy_contract import check_batch_invariance
 from swarmdata.types import Float
 
 
@@ -60,16 +61,5 @@ def test_they_are_of_one_task() -> None:
 
 @pytest.mark.parametrize("task", ["pursuit-n6", "pursuit-sight"])
 def test_a_reset_forgets_what_was_before(task: str) -> None:
-    spec, actions = preset(task), list[Float]()
-    for first in (5, 9):
-        env, policy, copies = make_env(spec, 2), make_policy("scripted", spec), np.arange(2)
-        step = env.reset(np.array([first, 8], np.uint64))
-        policy.reset(step, copies)
-        for _ in range(20):
-            step = env.step(policy.act(step))
-        step = env.reset(np.array([7], np.uint64), np.array([0]))
-        policy.reset(step, copies[:1])
-        for _ in range(20):
-            step = env.step(policy.act(step))
-        actions.append(policy.act(step)[0])
-    np.testing.assert_array_equal(actions[0], actions[1])
+    spec = preset(task).with_updates(horizon=30)
+    check_batch_invariance(make_policy("scripted", spec), spec, make_env, 4)
