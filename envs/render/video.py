@@ -71,11 +71,7 @@ def animate(
             f"got path {str(path)!r}, stride {stride}, trail_steps {trail_steps}; "
             "expected a '.gif' or '.mp4', a stride of at least 1 and trail_steps of at least 0."
         )
-    for name, array in (("scans", scans), ("attempted", attempted)):
-        if array is not None and len(array) != len(episode) + 1:
-            raise SchemaError(
-                f"{name} has {len(array)} rows, expected {len(episode) + 1}: one for each state."
-            )
+    _check_rows(len(episode) + 1, scans=scans, attempted=attempted)
     has_messages &= episode.delivered.shape[-1] > 0
 
     def scene_at(t: int) -> Scene:
@@ -95,6 +91,14 @@ def animate(
         write_gif(list(frames), path, seconds)
     else:
         write_mp4(frames, path, seconds)
+
+
+def _check_rows(n_states: int, **arrays: Float | Bool | None) -> None:
+    for name, array in arrays.items():
+        if array is not None and len(array) != n_states:
+            raise SchemaError(
+                f"{name} has {len(array)} rows, expected {n_states}: one for each state."
+            )
 
 
 def _frames(
