@@ -3,8 +3,8 @@
 import numpy as np
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.comms import Channel
-from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.comms.channel import Channel
+from swarmdata.perception.sensing.sensor import Sensor
 from swarmdata.perception.wayfinder import Wayfinder
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast

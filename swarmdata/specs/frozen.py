@@ -69,11 +69,8 @@ class Frozen(BaseModel):
         return cls.model_construct()
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """The fields as plain data, without later fields at their defaults; options are pydantic's.
-
-        This is no serializer that pydantic calls: while it writes a union, it would take an
-        interrupt in one for a value of another kind, and go on.
-        """
+        """The fields as plain data, without later ones at their defaults; options of pydantic."""
+        # no serializer that pydantic calls: in a union it would take an interrupt for another kind
         content = super().model_dump(**options)
         _leave_out_later_defaults(self, content)
         return content
@@ -163,10 +160,10 @@ def read_tagged(
         UnknownNameError: no such kind.
         SpecError: it cannot be read, or is not that model.
     """
+    data: Any
     if isinstance(source, Mapping):
-        return _kind_of(source, kinds, what, what).parse(dict(source), what)
-    where = f"text of {what}"
-    if is_file(source):
+        where, data = what, dict(source)
+    elif is_file(source):
         where = str(source)
         try:
             data = read_document(Path(source))
@@ -176,8 +173,17 @@ def read_tagged(
                 "fields of one model."
             ) from error
     else:
+        where = f"text of {what}"
         data = parse_document(str(source), where)
-    return _kind_of(data, kinds, what, where).parse(data, where)
+    if not isinstance(data, Mapping) or "kind" not in data:
+        raise SpecError(
+            f"{where}: got {SHORT_REPR.repr(data)}, expected a mapping with a key 'kind' "
+            f"({', '.join(kinds)}) and the fields of that model"
+        )
+    kind = str(data["kind"])
+    if kind not in kinds:
+        raise UnknownNameError(what, kind, kinds, INSTALL_HINT)
+    return kinds[kind].parse(data, where)
 
 
 def is_file(source: str | Path) -> bool:
@@ -188,19 +194,6 @@ def is_file(source: str | Path) -> bool:
 def is_inline(source: str) -> bool:
     """Whether this is YAML or JSON text rather than a name."""
     return any(mark in source for mark in ":{[\n")
-
-
-def _kind_of(
-    data: Any, kinds: Mapping[str, type[TaggedModel]], what: str, where: str
-) -> type[TaggedModel]:
-    if not isinstance(data, Mapping) or "kind" not in data:
-        raise SpecError(
-            f"{where}: got {SHORT_REPR.repr(data)}, expected a mapping with a key 'kind' "
-            f"({', '.join(kinds)}) and the fields of that model"
-        )
-    if str(data["kind"]) not in kinds:
-        raise UnknownNameError(what, str(data["kind"]), kinds, INSTALL_HINT)
-    return kinds[str(data["kind"])]
 
 
 MAX_LISTED_PROBLEMS = 20
@@ -341,25 +334,15 @@ def classes_in(annotation: Any) -> Iterator[type]:
 class Dumps(Protocol):
     """What can be written as plain data: every `Frozen`, and the protocols that they keep."""
 
-    def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]:
-        """The fields as plain data."""
-        ...
+    def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]: ...
 
 
 class Document(Protocol):
     """Frozen data that is parsed from JSON, compared by value and hashed, as every `Frozen` is."""
 
-    def hash(self) -> str:
-        """SHA-256 of its canonical JSON, hex."""
-        ...
-
-    def to_json(self) -> str:
-        """Canonical JSON."""
-        ...
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
-        """A copy with some fields replaced, which are not checked."""
-        ...
+    def hash(self) -> str: ...  # SHA-256 of its canonical JSON, hex
+    def to_json(self) -> str: ...  # canonical JSON
+    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self: ...  # not checked
 
 
 def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:

@@ -21,8 +21,7 @@ CELL = 0.7
 """Side of a cell, m, unless the spec says another."""
 
 STEPS_PER_METER = 20.0
-"""Control steps of an episode for each metre of the arena's width and height, unless the spec says
-how many: those of `coop_nav` in its own arena."""
+"""Control steps of an episode for each metre of width and height, unless the spec says how many."""
 
 
 def read_map(path: Path) -> tuple[str, ...]:

@@ -50,8 +50,7 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 OneTask = TypeVar("OneTask", bound=TaskRules)
 
-ROW_SHAPES = "swarmdata.store.arrays.row_shapes:task_row_shapes"
-"""What gives the widths of a task's arrays: they follow from its code, which needs its spec."""
+ROW_SHAPES = "swarmdata.store.arrays.row_shapes:task_row_shapes"  # from a task's code
 
 
 def _simulated(version: int) -> int:
@@ -124,10 +123,8 @@ class Robot(Frozen):
                 "base wheels is two driven wheels and a caster, which cannot move in any direction "
                 "as dynamics holonomic does. Use dynamics unicycle"
             )
-        if self.drive == "differential" and (self.dynamics, self.command) != (
-            "unicycle",
-            "velocity",
-        ):
+        moves = self.dynamics, self.command
+        if self.drive == "differential" and moves != ("unicycle", "velocity"):
             raise ValueError(
                 "drive differential limits the speeds of two wheels, got dynamics "
                 f"{self.dynamics} and command {self.command}. Use unicycle and velocity"
@@ -281,7 +278,7 @@ class TaskSpec(Frozen):
 
     @property
     def world(self) -> "TaskSpec":
-        """Itself: it has all that a simulation needs."""
+        """Itself."""
         return self
 
     @property

@@ -1,9 +1,4 @@
-"""check_remote, the contract of every kind of remote, as a suite that anyone can run on their own.
-
-    check_remote(Shelf("shelf://place"), tmp_path)
-
-raises an AssertionError that names the broken promise of `hub.remotes.interface.Remote`.
-"""
+"""check_remote, the contract of every kind of remote."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor

@@ -9,7 +9,6 @@ from swarmdata.perception.comms.links import NOT_DRAWN, TOPOLOGIES
 from swarmdata.perception.comms.payloads import (
     PAYLOAD_COLUMNS,
     POSITIONS,
-    broadcast_of,
     message_fields,
     quantizer,
     slot_features,
@@ -43,24 +42,21 @@ class Channel:
     batch. `Step.delivered` marks the step of arrival; `Step.ages` counts from the step of sending.
 
     Args:
-        spec: its communication must be a `Broadcast`.
+        spec: its communication is a `Broadcast`.
         n_copies: E.
-
-    Raises:
-        SpecError: the spec has no communication.
     """
 
     message_size: int
     features: tuple[Feature, ...]
 
     def __init__(self, spec: TaskSpec, n_copies: int) -> None:
-        model = broadcast_of(spec)
-        n = spec.n_agents
+        model, n = spec.communication, spec.n_agents
+        assert isinstance(model, Broadcast)
         self._is_learned = model.payload == "learned"
         self.message_size = len(message_fields(model))
         self.features = slot_features(model, n)
         self._said = np.zeros((n_copies, n, self.message_size), dtype=np.float32)
-        self._constants = _constants(spec)
+        self._constants = _constants(spec, model)
         links = (n_copies, n, n)
         self._memory: Memory = (
             np.zeros((n_copies, model.delay + 1, n, self.message_size), dtype=np.float32),
@@ -80,9 +76,7 @@ class Channel:
     def transmit(
         self, step: Step, known: Float, actions: Float | Double | None, active: Bool, out: Float
     ) -> None:
-        """Sends, delivers and writes the messages of one step.
-
-        Call it once for every step of an episode, from its beginning.
+        """Sends, delivers and writes the messages of one step; call it once for every step.
 
         Args:
             step: its states (for ranges), seeds and times are read; its sent, delivered and ages
@@ -100,19 +94,9 @@ class Channel:
         if self._is_learned:
             self._take_messages(actions, step.times, active)
         transmit_all(
-            step.states,
-            known,
-            step.seeds,
-            step.times,
-            self._said,
-            active,
-            step.sent,
-            step.delivered,
-            step.ages,
-            out,
-            self._memory,
-            self._constants,
-        )
+            step.states, known, step.seeds, step.times, self._said, active, step.sent,
+            step.delivered, step.ages, out, self._memory, self._constants,
+        )  # fmt: skip
 
     def _take_messages(self, actions: Float | Double | None, times: Int, active: Bool) -> None:
         """Takes the message columns of the actions, rounded to float32 as they are recorded."""
@@ -133,17 +117,13 @@ class Channel:
         self._said[...] = actions[..., 2:]
 
 
-def _constants(spec: TaskSpec) -> Constants:
+def _constants(spec: TaskSpec, model: Broadcast) -> Constants:
     """Returns the constants of `transmit_all`, in its order."""
-    model = broadcast_of(spec)
     columns = PAYLOAD_COLUMNS[model.payload]
-    is_position = [column in POSITIONS for column in columns]
-    low, width = quantizer(spec)
     return (
         np.array(columns, dtype=np.int64),
-        np.array(is_position, dtype=np.bool_),
-        low,
-        width,
+        np.array([column in POSITIONS for column in columns], dtype=np.bool_),
+        *quantizer(model, spec),
         np.array(_limits(spec, model), dtype=np.int64),
         np.array(_chances(spec, model), dtype=np.float64),
     )

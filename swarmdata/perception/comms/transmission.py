@@ -1,7 +1,4 @@
-"""One step of the radio of all copies, in one compiled call.
-
-Its parts are inlined: a call with many arrays takes as long as the work for a small team.
-"""
+"""One step of the radio of all copies, in one compiled call, whose parts are inlined."""
 
 import numpy as np
 
@@ -105,10 +102,7 @@ def _deliver(
     delivered: Bool,
     ages: Counts,
 ) -> None:
-    """Delivers the messages sent `delay` steps ago; all other received messages age.
-
-    Values are copied one by one: compiled slice assignments are several times slower.
-    """
+    """Delivers the messages sent `delay` steps ago; all other received messages age."""
     n, size = sent.shape[1], sent.shape[2]
     delay = messages.shape[1] - 1
     now, then = t % (delay + 1), (t + 1) % (delay + 1)  # then: t - delay, or an empty row

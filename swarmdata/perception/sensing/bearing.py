@@ -32,8 +32,6 @@ NEIGHBOR_FEATURES = (
     *vector("bearing", "direction", "cosine and sine of its bearing"),
     Feature("mask", "flag", "", "1 if the slot holds a visible robot; nearest first"),
 )
-"""Distance between centres (1 = the model's range); cosine and sine of the bearing."""
-
 _SLOT_WIDTH = len(NEIGHBOR_FEATURES)
 
 
@@ -52,10 +50,9 @@ BEARING_CONSTANTS = bundle_type(BearingConstants)
 
 
 class Bearing:
-    """Own velocity, the target in polar form, and the nearest visible neighbours.
+    """Features: `POLAR_FEATURES`, then a slot of `NEIGHBOR_FEATURES` for each visible neighbour.
 
-    Features: `POLAR_FEATURES`, then a slot of `NEIGHBOR_FEATURES` for each neighbour, nearest
-    centre first, as measured. A slot without a neighbour is zero.
+    The nearest centre is first, as measured; a slot without a neighbour is zero.
     """
 
     def __init__(self, model: BearingModel, scene: Scene) -> None:
@@ -73,7 +70,6 @@ class Bearing:
         self._constants = ArgumentBlock(constants, BEARING_CONSTANTS)
 
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
         observe_bearings(
             self._constants.packed, world.true_states, world.true_layouts, world.states,
             robots.start, robots.stop, active, out,

@@ -1,7 +1,4 @@
-"""The `occupancy` model: a coarse grid in the body's frame, and the target in polar form.
-
-Arithmetic as in `geometry`.
-"""
+"""The `occupancy` model: a coarse grid in the body's frame, and the target in polar form."""
 
 import math
 from typing import Annotated, NamedTuple
@@ -56,14 +53,14 @@ OCCUPANCY_CONSTANTS = bundle_type(OccupancyConstants)
 
 
 class Occupancy:
-    """The contents of the cells around a robot.
+    """The contents of the cells around a robot, as measured.
 
     Features: `POLAR_FEATURES`, then the flags `CELL_CHANNELS` of each cell. Cell `row * cells +
     column` has its centre at ((row - m) * size, (column - m) * size) in the body's frame, m =
     (cells - 1) / 2: rows go forward, columns to the left. `robot`: the centre is in another robot's
     disc, inflated by half a cell; `static`: it is within half a cell of an obstacle, or outside the
     arena; `payload`: it is within half a cell of a movable body. Cells beyond the robot's sensor
-    range are zero. The grid follows the measured positions of the robot and the bodies.
+    range are zero.
     """
 
     def __init__(self, model: OccupancyModel, scene: Scene) -> None:
@@ -83,7 +80,6 @@ class Occupancy:
         self._constants = ArgumentBlock(constants, OCCUPANCY_CONSTANTS)
 
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
         observe_grids(
             self._constants.packed, world.states, world.layouts, world.poses, robots.start,
             robots.stop, active, out,

@@ -5,7 +5,6 @@ from typing import Protocol
 
 import numpy as np
 
-from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
 from swarmdata.perception.sensing.bearing import Bearing
 from swarmdata.perception.sensing.lidar import Lidar
@@ -105,15 +104,7 @@ class Sensor:
             The robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N], with the
             noise and delay of their sensors: what they can tell others. The next call overwrites
             them.
-
-        Raises:
-            SchemaError: `out` does not have one column for each of `features`.
         """
-        if out.shape[-1] != len(self.features):
-            raise SchemaError(
-                f"an array for observations has {out.shape[-1]} columns, expected "
-                f"{len(self.features)}. Allocate it with the sensor's features."
-            )
         n_roles = self._roles.shape[1]
         frames = out[..., :-n_roles] if n_roles else out
         frame = frames if self._history is None else self._frame
@@ -174,13 +165,10 @@ class Sensor:
 def _turned_pairs(
     model: ObservationModel, kind: Sequence[Feature], extra: Sequence[Feature]
 ) -> Int:
-    """Columns of the x components that are sensed in the world's frame, and shown in the body's.
-
-    What the models of other kinds than `state` sense is in the body's frame already.
-    """
+    """Columns of the x components that are sensed in the world's frame, and shown in the body's."""
     if not model.in_body_frame:
         return np.zeros(0, dtype=np.int64)
-    first = 0 if isinstance(model, StateModel) else len(kind)
+    first = 0 if isinstance(model, StateModel) else len(kind)  # the others sense in the body's
     frame = (*kind, *extra)
     pairs = [k for k in range(first, len(frame)) if frame[k].axis == "x"]
     return np.array(pairs, dtype=np.int64)
@@ -226,15 +214,7 @@ def _role_codes(spec: TaskSpec) -> Float:
 
 @kernel
 def hide_columns(times: Int, n_steps: int, columns: Int, active: Bool, frame: Float) -> None:
-    """Sets columns to 0 from step `n_steps` of an episode on.
-
-    Args:
-        times: control steps since the reset, [E].
-        n_steps: steps that show the columns.
-        columns: to hide, [C].
-        active: copies to change, [E].
-        frame: changed, [E, N, F].
-    """
+    """Sets columns of a frame [E, N, F] to 0 from step `n_steps` of an episode on."""
     for b in range(frame.shape[0]):
         if not active[b] or times[b] < n_steps:
             continue
@@ -245,14 +225,7 @@ def hide_columns(times: Int, n_steps: int, columns: Int, active: Bool, frame: Fl
 
 @kernel
 def turn(states: Float, pairs: Int, active: Bool, frame: Float) -> None:
-    """Rotates vectors from the world's frame into each robot's body frame, in place.
-
-    Args:
-        states: [E, S].
-        pairs: columns of x components; y follows each, [P].
-        active: copies to rotate, [E].
-        frame: changed, [E, N, F].
-    """
+    """Rotates vectors, x at `pairs` [P], from the world's frame into robots' frames, in place."""
     for b in range(frame.shape[0]):
         if not active[b]:
             continue

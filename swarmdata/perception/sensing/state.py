@@ -1,7 +1,4 @@
-"""The `state` model: low-dimensional features in the world's frame, for robots that localise.
-
-Arithmetic as in `geometry`.
-"""
+"""The `state` model: low-dimensional features in the world's frame, for robots that localise."""
 
 import math
 from typing import Annotated, NamedTuple
@@ -69,8 +66,7 @@ GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
 
 _FIRST_TEST_SLACK = 1e-4
-"""Share, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
-excludes an obstacle that the exact test would keep."""
+"""Share, and metres, by which a first, cheap test is too wide, so that it keeps all that count."""
 
 _OWN, _NEIGHBOR, _OBSTACLE = len(OWN_FEATURES), len(NEIGHBOR_FEATURES), len(OBSTACLE_FEATURES)
 
@@ -91,8 +87,6 @@ STATE_CONSTANTS = bundle_type(StateConstants)
 
 class State:
     """Self, nearest robots and nearest obstacles, in the world's frame, as measured.
-
-    `Sensor` turns them into the body's frame.
 
     Features: `OWN_FEATURES`, `HEADING_FEATURES` in teams with a unicycle, then the slots of
     `NEIGHBOR_FEATURES` and of `OBSTACLE_FEATURES`, nearest surface first. A slot without an object
@@ -117,7 +111,6 @@ class State:
         self._constants = ArgumentBlock(constants, STATE_CONSTANTS)
 
     def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
         observe_states(
             self._constants.packed, world.states, world.layouts, robots.start, robots.stop, active,
             out,

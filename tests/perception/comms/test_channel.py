@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError
 from swarmdata.numerics.episode_draws import drawn_values
-from swarmdata.perception.comms import Channel
+from swarmdata.perception.comms.channel import Channel
 from swarmdata.registry.components import make_env
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.sensing_models import Broadcast
@@ -104,11 +104,6 @@ def test_wrong_actions_are_refused() -> None:
         channel.transmit(now, now.states, np.zeros((1, 2, 2)), active, out)
     with pytest.raises(SchemaError, match=r"None for copies \[0\]"):
         channel.transmit(now, now.states, None, active, out)
-
-
-def test_a_channel_needs_robots_that_talk() -> None:
-    with pytest.raises(SpecError, match="needs communication of kind 'broadcast', got 'none'"):
-        Channel(TaskSpec(), 1)
 
 
 @pytest.mark.parametrize("name", ["perfect", "bursty-30"])

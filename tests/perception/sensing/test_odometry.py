@@ -8,7 +8,7 @@ import pytest
 from swarmdata.interfaces import Task
 from swarmdata.numerics.random import STREAMS, derive, normal
 from swarmdata.perception.observer import Observer
-from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.sensing.sensor import Sensor
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, robots_of
 from swarmdata.types import Double, Step
 from tests.perception.sensing import scenes
