@@ -14,10 +14,9 @@ from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, St
 class Observer:
     """Writes the observations and messages of E copies, step after step.
 
-    An observation holds the features of the sensor, then, with communication, the received
-    messages, and then, if robots have a map, the ways to the places that these tell. It is a
-    function of the episode's seed, layout, states and actions up to that step, so recorded states
-    can be reobserved with any models, without the world.
+    An observation holds the features of the sensor, the received messages, if any, and the ways to
+    the places that these tell, if robots have a map. It is a function of the episode's seed,
+    layout, states and actions up to that step, so recorded states can be reobserved.
     """
 
     def __init__(self, task: Task, n_copies: int) -> None:

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,8 +21,7 @@ from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, did_you_
 from swarmdata.runtime.documents import parse_document, read_document
 from swarmdata.types import shortened
 
-LEAST_POSITIVE = 1e-12
-"""Products and ratios of a few quantities below this leave the range of float32."""
+LEAST_POSITIVE = 1e-12  # products and ratios of a few smaller quantities leave float32
 
 
 def _not_tiny(value: float) -> float:
@@ -196,11 +196,8 @@ def is_inline(source: str) -> bool:
     return any(mark in source for mark in ":{[\n")
 
 
-MAX_LISTED_PROBLEMS = 20
-"""Problems that one message lists."""
-
-MAX_LISTED_CHARACTERS = 2_000
-"""Characters after which a message lists no further problem."""
+MAX_LISTED_PROBLEMS = 20  # in one message
+MAX_LISTED_CHARACTERS = 2_000  # after which a message lists no further problem
 
 SHORT_REPR = reprlib.Repr()
 SHORT_REPR.maxstring = SHORT_REPR.maxother = SHORT_REPR.maxlong = 100
@@ -350,19 +347,17 @@ def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:
     return _differences("", one.model_dump(mode="json"), other.model_dump(mode="json"))
 
 
-MOST_DIFFERENCES = 3
-"""Fields that a message about another model names."""
+MOST_DIFFERENCES = 3  # that a message about another model names
 
 
 def describe_differences(there: Dumps, here: Dumps) -> str:
     """Returns the first fields in which two models differ, in their order; empty if none does."""
     order = list(here.model_dump(mode="json"))
     found = sorted(
-        differences(there, here), key=lambda each: order.index(each[0].split(".")[0].split("[")[0])
+        differences(there, here), key=lambda each: order.index(re.split(r"[.\[]", each[0])[0])
     )
-    named = [
-        f"{path} is {SHORT_REPR.repr(old)}, not {SHORT_REPR.repr(new)}" for path, old, new in found
-    ]
+    shown = SHORT_REPR.repr
+    named = [f"{path} is {shown(old)}, not {shown(new)}" for path, old, new in found]
     if len(named) > MOST_DIFFERENCES + 1:  # "and 1 more" would hide one that fits
         named[MOST_DIFFERENCES:] = [f"and {len(named) - MOST_DIFFERENCES} more"]
     return "; ".join(named)

@@ -21,7 +21,6 @@ _LOG = logging.getLogger("swarmdata")
 Source = str | Path | Mapping[str, Any] | Frozen
 """A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""
 
-
 Ranges = Randomization | Mapping[str, tuple[float, float]]
 """Ranges from which episodes draw, by name; an empty mapping draws nothing."""
 
@@ -107,11 +106,7 @@ def chosen_models(
     randomization: Ranges | None = None,
     own: TaskSpec | None = None,
 ) -> TaskSpec:
-    """Does what `with_models` does for a user, and says what the choice changes.
-
-    One line of the logger `swarmdata`, at the level INFO, names every field in which the models
-    differ from the task's own. The command line shows it.
-    """
+    """Does what `with_models` does, and logs what that changes in a line of the level INFO."""
     own = spec if own is None else own
     found = with_models(spec, observation, communication, backend, randomization, own)
     if observation is not None or communication is not None:
@@ -175,7 +170,6 @@ def check_senses(
 ) -> None:
     """Checks that a pair of models gives the inputs and messages that a policy was trained with.
 
-    The same features with other noise, range or losses are accepted: robustness is measured so.
     `features` are those of one robot's observation, trained and offered.
 
     Raises:

@@ -90,10 +90,7 @@ class Side(NamedTuple):
 
 
 class TaskDemand(NamedTuple):
-    """What a task adds to the demand of a world (`specs.budget`): rather too much than too little.
-
-    The defaults suit tasks that add a few numbers for each robot.
-    """
+    """What a task adds to the demand of a world (`specs.budget`), rather too much."""
 
     columns: int  # of a state, beside those of robots
     obstacles: int = 0  # of every layout, beside those that `Obstacles` counts
@@ -168,10 +165,7 @@ def rules_model(task: str) -> type[TaskRules]:
 
 
 def _read_rules(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
-    """Reads rules with the model of their task, and of no other: that of each costs time to import.
-
-    Problems are reported at `rules.TASK.FIELD`.
-    """
+    """Reads rules with the model of their task alone; problems are at `rules.TASK.FIELD`."""
     if not isinstance(value, Mapping):
         return read(value)
     task = value.get("task")

@@ -4,6 +4,7 @@ import pickle
 import random
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 
 import numpy as np
 
@@ -50,13 +51,7 @@ def _check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: i
     env, step = _start(policy, spec, make_env)
     expected = env.n_copies, spec.n_agents, env.action_size
     for _ in range(n_steps):
-        before, generators = [field.copy() for field in step], _global_generators()
-        actions = policy.act(step)
-        assert _global_generators() == generators, (
-            "act drew from a global generator; use numerics.random.derive(step.seeds, step.times)"
-        )
-        for name, old, new in zip(Step._fields, before, step, strict=True):
-            assert np.array_equal(old, np.asarray(new)), f"act wrote to step.{name}"
+        actions = _without_traces(partial(policy.act, step), step, "act")
         assert actions.dtype == np.float32, f"actions are {actions.dtype}, not float32"
         assert actions.shape == expected, f"actions are {actions.shape}, not [E, N, A] {expected}"
         assert np.isfinite(actions).all(), "actions are not finite"
@@ -72,11 +67,9 @@ def _check_log_probs(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps:
     expected = env.n_copies, spec.n_agents
     for _ in range(n_steps):
         actions = policy.act(step).copy()
-        kept, before, generators = actions.copy(), [f.copy() for f in step], _global_generators()
-        log_probs = policy.log_probs(step, actions).copy()
-        assert _global_generators() == generators, "log_probs drew from a global generator"
-        for name, old, new in zip(Step._fields, before, step, strict=True):
-            assert np.array_equal(old, np.asarray(new)), f"log_probs wrote to step.{name}"
+        kept = actions.copy()
+        compute = partial(policy.log_probs, step, actions)
+        log_probs = _without_traces(compute, step, "log_probs").copy()
         assert np.array_equal(actions, kept), "log_probs wrote to the actions"
         assert log_probs.dtype == np.float32, f"log_probs are {log_probs.dtype}, not float32"
         assert log_probs.shape == expected, (
@@ -130,9 +123,20 @@ def _start(
     return env, step
 
 
-def _global_generators() -> tuple[object, ...]:
-    """The states of Python's and NumPy's global generators, to compare."""
-    return random.getstate(), pickle.dumps(np.random.get_state())  # noqa: NPY002
+def _without_traces(compute: Callable[[], Float], step: Step, name: str) -> Float:
+    """Computes; checks that it left the step and the global generators as they were."""
+
+    def generators() -> tuple[object, ...]:
+        return random.getstate(), pickle.dumps(np.random.get_state())  # noqa: NPY002
+
+    before, drawn = [field.copy() for field in step], generators()
+    found = compute()
+    assert generators() == drawn, (
+        f"{name} drew from a global generator; use numerics.random.derive(step.seeds, step.times)"
+    )
+    for field, old, new in zip(Step._fields, before, step, strict=True):
+        assert np.array_equal(old, np.asarray(new)), f"{name} wrote to step.{field}"
+    return found
 
 
 def _actions(

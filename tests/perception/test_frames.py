@@ -2,15 +2,12 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import swarmdata
 from swarmdata.errors import SpecError
 from swarmdata.perception.frames import HEARING_RANGE, Frame, find_frame, in_world, natural_anchor
 from swarmdata.registry.components import make_env
@@ -253,21 +250,3 @@ def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands(
 )
 def test_a_frame_knows_the_observations_it_fits(frame: Frame, fits: bool) -> None:
     assert frame.fits(10) is fits
-
-
-def test_a_turned_batch_is_what_robots_see_and_do(tiny: Path) -> None:
-    """The reward and the state are nobody's view, and stay."""
-    dataset = swarmdata.Dataset.open(tiny, verify="none")
-    frame = swarmdata.frame_of(dataset.spec)
-    assert frame is not None
-    batch = next(dataset.sampler(16, seed=3))
-    turned = frame.turned(batch)
-    assert np.array_equal(turned.observations, frame.inputs(batch.observations))
-    assert np.array_equal(turned.next_observations, frame.inputs(batch.next_observations))
-    back = frame.to_world(batch.observations, turned.actions)
-    shortened = np.maximum(1.0, np.linalg.norm(batch.actions, axis=-1, keepdims=True))
-    np.testing.assert_allclose(back, batch.actions / shortened, atol=1e-6)
-    assert turned.states is batch.states
-    assert turned.rewards is batch.rewards
-    assert frame.turned(replace(batch, next_actions=None)).next_actions is None
-    assert swarmdata.frame_of(dataset.spec, "world") is None

@@ -41,10 +41,9 @@ class Sense(Protocol):
 class Sensor:
     """Writes observations: a function of an episode's seed, layout and states up to the step.
 
-    A frame holds the features of the model's kind and those of the task, in the same frame of
-    reference, all computed from the world as each robot measured it. Noise and losses of single
-    beams and cells, hiding of the goal, leaving out of velocities, delay and stacking follow; in
-    teams with several roles the robot's role is last.
+    A frame holds the features of the model's kind and those of the task, computed from the world as
+    each robot measured it. Noise and losses of beams and cells, hiding of the goal, leaving out of
+    velocities, delay and stacking follow; in teams with several roles the robot's role is last.
 
     Attributes:
         features: of one robot's observation, O. In a stack the names of older frames end with
