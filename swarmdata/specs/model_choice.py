@@ -128,13 +128,7 @@ def _changes(part: str, before: Frozen, after: Frozen) -> Iterator[str]:
         if isinstance(old, Frozen) and isinstance(new, Frozen):
             yield from _changes(f"{part}.{name}", old, new)
         elif old != new:
-            yield f"{part}.{name} {_word(old)} -> {_word(new)}"
-
-
-def _word(value: Any) -> str:
-    if value is None:
-        return "none"
-    return _plain(value.model_dump(mode="json") if isinstance(value, Frozen) else value)
+            yield f"{part}.{name} {_plain(old)} -> {_plain(new)}"
 
 
 def models_of(spec: TaskSpec) -> dict[str, Any]:
@@ -160,6 +154,10 @@ def _describe(model: Frozen) -> str:
 
 
 def _plain(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, Frozen):
+        value = value.model_dump(mode="json")
     if isinstance(value, Mapping):
         return " ".join(f"{name} {_plain(inner)}" for name, inner in value.items())
     return format(value, "g") if isinstance(value, float) else str(value)

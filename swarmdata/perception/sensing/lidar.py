@@ -11,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.numerics.geometry import CIRCLE, bar_box
-from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.measured_world import Sense, World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
@@ -54,39 +54,37 @@ class LidarConstants(NamedTuple):
 LIDAR_CONSTANTS = bundle_type(LidarConstants)
 
 
-class Lidar:
+def lidar_sense(model: LidarModel, scene: Scene) -> Sense:
     """Features: `POLAR_FEATURES`, then for each beam its distance and a flag for each hit type.
 
     The distance is 1 at the model's range, and if nothing is within the robot's range. The first
     beam points along the heading, the others follow counter-clockwise.
     """
+    channels = HIT_CHANNELS if len(scene.bodies) else HIT_CHANNELS[:3]
+    beam = (
+        Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
+        *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
+    )
+    features = (*POLAR_FEATURES, *numbered("beam", model.n_rays, beam))
+    constants = LidarConstants(
+        radii=scene.radii,
+        ranges=scene.ranges,
+        half=scene.half,
+        bodies=scene.bodies,
+        rays=ray_blocks(model.n_rays),
+        n_rays=model.n_rays,
+        span=model.range,
+        diagonal=scene.diagonal,
+    )
+    block = ArgumentBlock(constants, LIDAR_CONSTANTS)
 
-    def __init__(self, model: LidarModel, scene: Scene) -> None:
-        channels = HIT_CHANNELS if len(scene.bodies) else HIT_CHANNELS[:3]
-        beam = (
-            Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
-            *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
-        )
-        beams = numbered("beam", model.n_rays, beam)
-        self.features = (*POLAR_FEATURES, *beams)
-        self.echoes = echoes_of(self.features)
-        constants = LidarConstants(
-            radii=scene.radii,
-            ranges=scene.ranges,
-            half=scene.half,
-            bodies=scene.bodies,
-            rays=ray_blocks(model.n_rays),
-            n_rays=model.n_rays,
-            span=model.range,
-            diagonal=scene.diagonal,
-        )
-        self._constants = ArgumentBlock(constants, LIDAR_CONSTANTS)
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
+    def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         scan(
-            self._constants.packed, world.true_states, world.true_layouts, world.states,
-            robots.start, robots.stop, active, out,
+            block.packed, world.true_states, world.true_layouts, world.states, robots.start,
+            robots.stop, active, out,
         )  # fmt: skip
+
+    return Sense(features, echoes_of(features), sense)
 
 
 def ray_blocks(n_rays: int) -> Float:

@@ -7,6 +7,7 @@ Draws whose deviation is zero are made too: branches would keep loops from being
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
 from swarmdata.perception.sensing.odometry import Odometry
 from swarmdata.perception.sensing.sensed_scene import N_BODY, Scene
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
@@ -61,6 +63,15 @@ class World(NamedTuple):
     true_states: Float  # [E, S]
     true_layouts: Float  # [E, M, 8]
     poses: Float  # [E, >= 8 N] robots as measured, without drift: where walls are seen from
+
+
+class Sense(NamedTuple):
+    """One kind of observation model in one scene."""
+
+    features: tuple[Feature, ...]
+    echoes: Int  # first feature of each beam or cell, and one past its last, [R, 2]
+    sense: Callable[[World, range, Bool, Float], None]
+    """Writes `features` of some robots of the active copies, [E, N, F]."""
 
 
 class MeasuredWorld:

@@ -6,7 +6,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.numerics.geometry import nearest
-from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.measured_world import Sense, World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
@@ -52,7 +52,7 @@ class OccupancyConstants(NamedTuple):
 OCCUPANCY_CONSTANTS = bundle_type(OccupancyConstants)
 
 
-class Occupancy:
+def occupancy_sense(model: OccupancyModel, scene: Scene) -> Sense:
     """The contents of the cells around a robot, as measured.
 
     Features: `POLAR_FEATURES`, then the flags `CELL_CHANNELS` of each cell. Cell `row * cells +
@@ -62,28 +62,27 @@ class Occupancy:
     arena; `payload`: it is within half a cell of a movable body. Cells beyond the robot's sensor
     range are zero.
     """
+    channels = CELL_CHANNELS if len(scene.bodies) else CELL_CHANNELS[:2]
+    flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
+    features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
+    constants = OccupancyConstants(
+        radii=scene.radii,
+        ranges=scene.ranges,
+        half=scene.half,
+        bodies=scene.bodies,
+        n_cells=model.cells,
+        cell_size=model.cell_size,
+        diagonal=scene.diagonal,
+    )
+    block = ArgumentBlock(constants, OCCUPANCY_CONSTANTS)
 
-    def __init__(self, model: OccupancyModel, scene: Scene) -> None:
-        channels = CELL_CHANNELS if len(scene.bodies) else CELL_CHANNELS[:2]
-        flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
-        self.features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
-        self.echoes = echoes_of(self.features)
-        constants = OccupancyConstants(
-            radii=scene.radii,
-            ranges=scene.ranges,
-            half=scene.half,
-            bodies=scene.bodies,
-            n_cells=model.cells,
-            cell_size=model.cell_size,
-            diagonal=scene.diagonal,
-        )
-        self._constants = ArgumentBlock(constants, OCCUPANCY_CONSTANTS)
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
+    def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_grids(
-            self._constants.packed, world.states, world.layouts, world.poses, robots.start,
-            robots.stop, active, out,
+            block.packed, world.states, world.layouts, world.poses, robots.start, robots.stop,
+            active, out,
         )  # fmt: skip
+
+    return Sense(features, echoes_of(features), sense)
 
 
 @kernel

@@ -1,18 +1,17 @@
 """Sensor: the observations of the robots of a task, by the model that the spec names."""
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing.bearing import Bearing
-from swarmdata.perception.sensing.lidar import Lidar
-from swarmdata.perception.sensing.measured_world import MeasuredWorld, World
+from swarmdata.perception.sensing.bearing import bearing_sense
+from swarmdata.perception.sensing.lidar import lidar_sense
+from swarmdata.perception.sensing.measured_world import MeasuredWorld, Sense, World
 from swarmdata.perception.sensing.modifiers import Echoes, History
-from swarmdata.perception.sensing.occupancy import Occupancy
+from swarmdata.perception.sensing.occupancy import occupancy_sense
 from swarmdata.perception.sensing.sensed_scene import Scene
-from swarmdata.perception.sensing.state import HEADING_FEATURES, PLACE_FEATURES, State
+from swarmdata.perception.sensing.state import HEADING_FEATURES, PLACE_FEATURES, state_sense
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, shown_for, stacked
 from swarmdata.specs.sensing_models import (
@@ -25,17 +24,6 @@ from swarmdata.specs.sensing_models import (
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
-
-
-class Sense(Protocol):
-    """One kind of observation model in one scene."""
-
-    features: tuple[Feature, ...]
-    echoes: Int  # first feature of each beam or cell, and one past its last, [R, 2]
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
-        ...
 
 
 class Sensor:
@@ -194,13 +182,13 @@ def _role_feature(role: str) -> Feature:
 def _sense(model: ObservationModel, scene: Scene) -> Sense:
     match model:
         case StateModel():
-            return State(model, scene)
+            return state_sense(model, scene)
         case LidarModel():
-            return Lidar(model, scene)
+            return lidar_sense(model, scene)
         case BearingModel():
-            return Bearing(model, scene)
+            return bearing_sense(model, scene)
         case OccupancyModel():
-            return Occupancy(model, scene)
+            return occupancy_sense(model, scene)
     raise TypeError(f"no sensor for a {type(model).__name__}: add one to sensing.sensor")
 
 
