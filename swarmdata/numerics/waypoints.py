@@ -18,7 +18,7 @@ LOOKAHEAD_NODES = 40
 """Nodes of the path that are searched for a visible one: 2 to 2.8 m with a spacing of 0.05 m."""
 
 UNPLANNED_COST = -2
-"""Cost of node 0, which lies in a wall, until the paths are planned: the goal was in sight."""
+"""Cost of node 0, which lies in a wall, until the goal is out of sight and paths are planned."""
 
 
 class Paths(NamedTuple):
@@ -120,9 +120,9 @@ def waypoint(
     ground: Ground,  # the free space
     paths: Paths,  # to the goal; planned if they are not yet
 ) -> tuple[float, float]:
-    """Returns the point to aim at, m: the goal if visible, else the farthest visible node to it.
+    """Returns the point to aim at, m: the farthest visible node of the path to the goal.
 
-    It is the goal too if no path leads there.
+    It is the goal itself if that is visible, or if no path leads there.
     """
     need = radius + PATH_GAP
     if is_visible(position, (goal[0], goal[1]), need, ground):

@@ -72,7 +72,7 @@ class Slots:
             mean: of each column over the rows of the data, [O].
             std: of each column, [O].
         """
-        squares = std**2 + mean**2  # empty slots are zeros, of which means of masks are the share
+        squares = std**2 + mean**2  # empty slots are zeros: a mean is over all rows
         own = list(self.own_columns)
         means, second = [mean[own]], [squares[own]]
         for kind in self.kinds:

@@ -237,7 +237,7 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
     """Returns a policy's actions of a frame in the world's, within [-1, 1], [E, N, A].
 
     The norm is clipped to 1 before the components, so that a turned command keeps its direction.
-    Observations [E, N, O] are in the world's frame, for which `frame` is None.
+    Observations are [E, N, O]; `frame` is None for the world's.
     """
     if frame is None:
         return actions
