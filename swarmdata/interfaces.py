@@ -197,11 +197,9 @@ class OnlineAlgorithm(Protocol):
         ...
 
     def prepare(self) -> bool:
-        """Prepares a new run before its first update, for example by cloning a teacher.
+        """Prepares a new run before its first update; returns whether that took long.
 
-        Returns:
-            Whether the preparation took long. If so, the caller writes a checkpoint, after which
-            new episodes have to begin.
+        If so, the caller writes a checkpoint, after which new episodes have to begin.
         """
         ...
 
