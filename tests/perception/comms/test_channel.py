@@ -41,17 +41,9 @@ def seeds_from(draw: int, n_copies: int) -> Seeds:
 def test_features_name_the_slots_and_their_kinds() -> None:
     features = Channel(spec_of("goal", n=3), 1).features
 
-    assert [f.name for f in features[9:]] == [
-        "message_1.position_x",
-        "message_1.position_y",
-        "message_1.heading_x",
-        "message_1.heading_y",
-        "message_1.target_x",
-        "message_1.target_y",
-        "message_1.age",
-        "message_1.mask",
-        "message_1.sender",
-    ]
+    vectors = ("position_x", "position_y", "heading_x", "heading_y", "target_x", "target_y")
+    fields = (*vectors, "age", "mask", "sender")
+    assert [f.name for f in features[9:]] == [f"message_1.{field}" for field in fields]
     assert [f.kind for f in features[:9:2]] == ["position", "direction", "position", "flag", "flag"]
     assert [f.axis for f in features[:7]] == ["x", "y"] * 3 + [""]
 
