@@ -101,8 +101,7 @@ class Task(Protocol):
 class VecEnv(Protocol):
     """E copies of one task that are stepped together.
 
-    Copies are never reset automatically: a copy that has ended stays as it is until the caller
-    resets it.
+    A copy that has ended stays as it is until the caller resets it.
     """
 
     spec: TaskSpec
@@ -140,7 +139,7 @@ class VecEnv(Protocol):
         ...
 
     def close(self) -> None:
-        """Gives up what it holds beside memory, for code that closes any environment."""
+        """Gives up what it holds beside memory."""
         ...
 
 
@@ -198,11 +197,9 @@ class OnlineAlgorithm(Protocol):
         ...
 
     def prepare(self) -> bool:
-        """Prepares a new run before its first update, for example by cloning a teacher.
+        """Prepares a new run before its first update; returns whether that took long.
 
-        Returns:
-            Whether the preparation took long. If so, the caller writes a checkpoint, after which
-            new episodes have to begin.
+        If so, the caller writes a checkpoint, after which new episodes have to begin.
         """
         ...
 
@@ -253,9 +250,7 @@ class Algorithm(Protocol):
 
 
 def fields_of(kind: type) -> frozenset[str] | None:
-    """Returns the fields of a batch that an algorithm declares; None: it gets all.
-
-    Those of a base class do not count: who derives from an algorithm may read more.
+    """Returns the fields of a batch that an algorithm itself declares; None: it gets all.
 
     Raises:
         UnknownNameError: a batch has no such field.

@@ -78,8 +78,7 @@ PROXIMITY_RANGE = 0.1
 """Gap (m) to a robot, obstacle or wall below which the reward's proximity term is positive."""
 
 SEPARATION_GAP = 0.01
-"""A contact ends when the gap exceeds this (m), so that a contact that jitters at rest is counted
-once."""
+"""A contact ends when the gap exceeds this (m), so that jitter at rest is one contact."""
 
 _OVERLAPPED = "after at least one physics step of this step, the robot overlapped"
 _ONSET_RULE = (
@@ -87,29 +86,24 @@ _ONSET_RULE = (
     f"contact. A contact, once begun, lasts until their gap exceeds {SEPARATION_GAP:g} m"
 )
 
+_ROBOT_ONSETS = (
+    f"contacts of the robot with other robots that {_ONSET_RULE}. Each is counted in the rows of "
+    "both robots"
+)
+_OBSTACLE_ONSETS = (
+    f"contacts of the robot with obstacles and walls, each for itself, that {_ONSET_RULE}"
+)
+
 EVENT_COLUMNS = (
     Column("robot_contact", f"1 if, {_OVERLAPPED} another robot, else 0", low=0, high=1),
     Column("obstacle_contact", f"1 if, {_OVERLAPPED} an obstacle or wall, else 0", low=0, high=1),
-    Column(
-        "robot_onsets",
-        f"contacts of the robot with other robots that {_ONSET_RULE}. Each is counted in the rows "
-        "of both robots",
-        low=0,
-        high=255,
-    ),
-    Column(
-        "obstacle_onsets",
-        f"contacts of the robot with obstacles and walls, each for itself, that {_ONSET_RULE}",
-        low=0,
-        high=255,
-    ),
+    Column("robot_onsets", _ROBOT_ONSETS, low=0, high=255),
+    Column("obstacle_onsets", _OBSTACLE_ONSETS, low=0, high=255),
 )
-"""Columns of `events`. The contact columns show overlap (gap <= 0) after any physics step, of which
-a control step has several; `SEPARATION_GAP` matters to onsets only. So a contact that lasts without
-overlap shows in no column, and a step can have overlap without an onset."""
+"""Columns of `events`. A contact that lasts without overlap shows in none of them, and a step can
+have overlap without an onset."""
 
 EVENTS = tuple(column.name for column in EVENT_COLUMNS)
-"""Names of the columns of `events`."""
 
 NEVER_RECEIVED = 255
 """In `ages`: nothing was ever received. Messages older than 254 steps count as 254."""
@@ -118,8 +112,7 @@ TASK_END_REASONS = ("success", "failure", "horizon")
 """Why an episode of a swarmdata task ended, by code: two terminations, then the truncation."""
 
 END_REASONS = (*TASK_END_REASONS, "ended")
-"""Why any episode ended. `ended` is the termination of a recorded environment that does not report
-whether its task was solved."""
+"""Why any episode ended. `ended`: a recorded environment does not say whether it was solved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,10 +182,7 @@ def copy_step(step: Step, copies: "slice | Int" = slice(None)) -> Step:
 
 
 def no_messages(*shape: int) -> dict[str, Any]:
-    """Returns the fields `sent`, `delivered` and `ages` of robots that do not communicate.
-
-    The shape is that of the leading axes: (E, N) for a step, (T + 1, N) for an episode.
-    """
+    """The fields `sent`, `delivered`, `ages` without communication; leading axes (..., N)."""
     return {
         "sent": np.zeros((*shape, 0), dtype=np.float32),
         "delivered": np.zeros((*shape, 0), dtype=np.bool_),
@@ -338,13 +328,11 @@ class Batch:
         return shortened(f"Batch({_shapes({f.name: getattr(self, f.name) for f in fields(self)})})")
 
     def in_frame(self, frame: "Frame | None") -> "Batch":
-        """Returns the batch as robots see and act in `frame`, such as `dataset.frame`.
-
-        The algorithms of this library learn from such batches. States and rewards stay as they are.
+        """Returns the batch as robots see and act in `frame`; states and rewards stay.
 
         Args:
-            frame: in which observations and actions are returned; None: the world's, in which data
-                are recorded, so that the batch is returned as it is.
+            frame: of observations and actions, such as `dataset.frame`; None: the world's, in which
+                data are recorded.
         """
         return self if frame is None else frame.turned(self)
 

@@ -55,16 +55,15 @@ def validate(name: NameOrFile) -> None:
     """
     from swarmdata.registry.presets import find_spec
     from swarmdata.rollouts.spec_check import probe
-    from swarmdata.specs.budget import demand_of, describe_demand, size_of
+    from swarmdata.specs.budget import demand_of, describe_demand
     from swarmdata.specs.model_choice import describe
 
     spec = find_spec(name)
     env = probe(spec)
-    demand = demand_of(spec, size_of(spec), spec.n_substeps)
     typer.echo(
         f"OK: {spec.task} with {spec.n_agents} robots, {describe(spec)}; observation size "
         f"{env.observation_size}, action size {env.action_size} per robot; spec "
-        f"{spec.hash()[:12]}; {describe_demand(demand)}"
+        f"{spec.hash()[:12]}; {describe_demand(demand_of(spec))}"
     )
 
 

@@ -2,9 +2,8 @@
 
 Source: Kuhn, "The Hungarian method for the assignment problem", Naval Research Logistics Quarterly
 2, 1955, as successive shortest paths with potentials: Jonker and Volgenant, "A shortest augmenting
-path algorithm for dense and sparse linear assignment problems", Computing 38, 1987.
-
-It uses only `+ -` and comparisons in float64, so that the bits are the same on every platform.
+path algorithm for dense and sparse linear assignment problems", Computing 38, 1987. It uses only
+`+ -` and comparisons in float64: its bits are the same everywhere.
 """
 
 import math
@@ -25,9 +24,7 @@ def assignment_work(n: int) -> tuple[Double, Int]:
 
 @kernel
 def assign(costs: Double, work: Double, places: Int) -> float:
-    """Writes the column of each row in the assignment of least total cost, and returns that cost.
-
-    Ties between assignments of equal cost are broken deterministically.
+    """Returns the cost of the assignment of least total cost; ties are broken deterministically.
 
     Args:
         costs: finite, [n, n].

@@ -1,11 +1,8 @@
 """The map of an episode: clearances on a grid, and the cheapest path to a goal from every node.
 
-Paths come from Dijkstra's algorithm (Numerische Mathematik 1, 1959, problem 2) with the bucket
-queue of Dial ("Algorithm 360: shortest-path forest with topological ordering", CACM 1969), since
-costs are small integers. Nodes near surfaces cost more, so that paths keep to the middle of
-passages.
-
-Float64 `+ - * /` and `sqrt` only, so that the bits are the same on every platform.
+Dijkstra's algorithm (Numerische Mathematik 1, 1959, problem 2) with the bucket queue of Dial
+("Algorithm 360: shortest-path forest with topological ordering", CACM 1969). Arithmetic as in
+`geometry`.
 """
 
 from typing import NamedTuple
@@ -32,11 +29,10 @@ STRAIGHT_COST, DIAGONAL_COST = 5, 7
 GAP_LEVELS = (0.10, 0.04, PATH_GAP)
 GAP_WEIGHTS = (1, 2, 6, 40)
 """Gaps, m, and the factors on the cost of entering a node whose free gap is above each of them, and
-below all. The last factor lets robots that were pushed against a surface find a way out."""
+below all, where robots are that were pushed against a surface."""
 
 N_BUCKETS = 512
-"""A power of two above the largest cost of a step: a bucket holds nodes of one cost, and its number
-is that of their last bits."""
+"""A power of two above the largest cost of a step: a bucket's number is the last bits of a cost."""
 
 LAST_BITS = N_BUCKETS - 1
 
@@ -56,13 +52,7 @@ def grid_shape(arena: Arena, spacing: float) -> tuple[int, int]:
 
 @kernel
 def fill_clearances(layout: Float, cap: float, ground: Ground) -> None:
-    """Writes the distance from every node to the nearest surface or wall, at most `cap`.
-
-    Args:
-        layout: obstacles, [M, 8].
-        cap: largest distance that is computed, m.
-        ground: its clearances are written.
-    """
+    """Writes each node's distance to walls and obstacles of a layout [M, 8], at most `cap`, m."""
     out, half, spacing = ground
     rows, columns = out.shape
     for row in range(rows):
@@ -86,11 +76,8 @@ def fill_clearances(layout: Float, cap: float, ground: Ground) -> None:
 def weights_of(grid: Float, radius: float) -> Int32:
     """Returns the cost factor of entering each node, 0 where no robot fits, [rows * columns].
 
-    The border is always 0, so every node that can be entered has eight neighbors.
-
-    Args:
-        grid: clearances, m, [rows, columns].
-        radius: of the robot, m.
+    The border is always 0, so every node that can be entered has eight neighbors. The grid holds
+    clearances, m, [rows, columns].
     """
     rows, columns = grid.shape
     weights = np.zeros(rows * columns, dtype=np.int32)
@@ -167,14 +154,7 @@ def _move(node: int, old: int, new: int, heads: Int32, before: Int32, after: Int
 
 @kernel
 def nearest_node(x: float, y: float, costs: Int32, ground: Ground) -> int:
-    """Returns the node with a path to the goal that is nearest to a point, or -1.
-
-    Args:
-        x: point, m.
-        y: point, m.
-        costs: of the paths, -1 where there is none, [n].
-        ground: whose nodes these are.
-    """
+    """Returns the node whose path has a cost (not -1) that is nearest to a point, m, or -1."""
     (rows, columns), half, spacing = ground.clearances.shape, ground.half, ground.spacing
     u, v = (x + half[0]) / spacing, (y + half[1]) / spacing
     column = min(max(int(u + 0.5), 0), columns - 1)

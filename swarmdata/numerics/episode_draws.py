@@ -50,7 +50,7 @@ def draw(spec: TaskSpec, name: str, seeds: Seeds) -> Double:
 
 
 def drawn_values(spec: TaskSpec, seeds: Seeds) -> dict[str, Double]:
-    """Returns all that some episodes draw, so that a dataset need not store it.
+    """Returns all that some episodes draw.
 
     Args:
         spec: of the episodes, such as `dataset.task`.

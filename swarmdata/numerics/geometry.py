@@ -1,8 +1,7 @@
-"""Distances between circular robots, obstacles and walls: numba kernels over plain arrays.
+"""Distances between circular robots, obstacles and walls.
 
-All arithmetic is `+ - * /` and `sqrt` in float64 or float32 (the wider of the operands, as in
-NumPy; numba's `float()` does not widen). IEEE 754 rounds each operation correctly, so the bits are
-the same on every platform. There is no fast-math and no transcendental function of a library.
+All arithmetic is `+ - * /` and `sqrt` in the wider type of the operands (numba's `float()` does not
+widen), which IEEE 754 rounds correctly: the bits are the same on every platform.
 """
 
 import math
@@ -106,12 +105,11 @@ def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
     """Returns the distance from a point to an obstacle's surface and the vector to it.
 
     The distance is 0 inside an obstacle. If two bars of a corner or pocket are equally near, the
-    vector leads to the first. Rounding decides near such ties: code that rounds differently may
-    find the vector to the second bar.
+    vector leads to the first.
 
     Args:
-        px: point, m.
-        py: point, m.
+        px: of the point, m.
+        py: the same.
         row: one obstacle, columns `OBSTACLE`, [8].
     """
     return nearest_of_shape(px, py, row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
@@ -135,11 +133,7 @@ def outer_radius(row: Float) -> float:
 def wall_gap(px: float, py: float, half: Double, wall: int) -> float:
     """Distance from a point to the inner face of one wall: 0 right, 1 left, 2 top, 3 bottom.
 
-    Args:
-        px: point, m.
-        py: point, m.
-        half: half width and half height of the arena, [2].
-        wall: number of the wall.
+    `half` is half the width and half the height of the arena, m, [2].
     """
     if wall == 0:
         return half[0] - px
@@ -152,14 +146,7 @@ def wall_gap(px: float, py: float, half: Double, wall: int) -> float:
 
 @kernel
 def clearance(px: float, py: float, layout: Float, half: Double) -> float:
-    """Distance from a point to the nearest obstacle surface or wall.
-
-    Args:
-        px: point, m.
-        py: point, m.
-        layout: obstacles, [M, 8].
-        half: half width and half height of the arena, [2].
-    """
+    """Distance from a point to the nearest obstacle of a layout [M, 8] or wall; see `wall_gap`."""
     best = min(half[0] - abs(px), half[1] - abs(py))
     for m in range(layout.shape[0]):
         dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py

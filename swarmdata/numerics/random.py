@@ -1,11 +1,8 @@
 """Counter-based random numbers: every draw is a pure function of (seed, stream, counters).
 
-Nothing here has hidden state, so an episode is the same whether it runs alone or in a batch of 64.
-Only integer arithmetic and exact float operations are used, so every platform gives the same bits,
-which NumPy's distributions do not guarantee.
-
-The mixer is SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators",
-OOPSLA 2014, figure 17).
+Only integer arithmetic and exact float operations are used: every platform gives the same bits. The
+mixer is SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number generators", OOPSLA
+2014, figure 17).
 """
 
 from functools import cache
@@ -20,22 +17,9 @@ GOLDEN_GAMMA = 0x9E3779B97F4A7C15
 MIX_1 = 0xBF58476D1CE4E5B9
 MIX_2 = 0x94D049BB133111EB
 
-STREAMS = {
-    name: index
-    for index, name in enumerate(
-        (
-            "layout",
-            "policy",
-            "noise",
-            "channel",
-            "sensor",
-            "split",
-            "reset",
-            "body",
-            "odometry",
-        )
-    )
-}
+_NAMES = ("layout", "policy", "noise", "channel", "sensor", "split", "reset", "body", "odometry")
+
+STREAMS = {name: index for index, name in enumerate(_NAMES)}
 """Independent streams of one episode's seed."""
 
 DRAW_MEANING = (
@@ -111,10 +95,7 @@ def evaluation_seeds(n_episodes: int) -> Seeds:
 
 
 def validation_seeds(n_episodes: int) -> Seeds:
-    """Returns the first `n_episodes` seeds of the validation block, [n_episodes].
-
-    Settings, checkpoints and everything else that is chosen by simulation are chosen on these.
-    """
+    """Returns the first `n_episodes` seeds of the validation block, [n_episodes]."""
     return np.arange(VALIDATION_BASE, VALIDATION_BASE + n_episodes, dtype=np.uint64)
 
 

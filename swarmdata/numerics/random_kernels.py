@@ -12,12 +12,7 @@ _ONE, _SHIFT = np.uint64(1), np.uint64(64 - NORMAL_BITS)
 
 @kernel(inline="always")
 def absorb(value: np.uint64, counter: int) -> np.uint64:
-    """One step of `random.derive`: `derive(s, a, b)` is `absorb(absorb(s, a), b)`.
-
-    Args:
-        value: the seed, or the result for earlier counters.
-        counter: at least 0.
-    """
+    """One step of `random.derive`: `derive(s, a, b)` is `absorb(absorb(s, a), b)`."""
     z = value + (np.uint64(counter) + _ONE) * _GOLDEN
     z = (z ^ (z >> np.uint64(30))) * _MIX_1
     z = (z ^ (z >> np.uint64(27))) * _MIX_2

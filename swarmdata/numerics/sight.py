@@ -30,14 +30,9 @@ def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tu
 
 @kernel
 def crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> bool:
-    """Whether the segment from the origin to (dx, dy) crosses the bars of a shape.
+    """Whether the segment from the origin to (dx, dy) crosses the bars of a shape at (cx, cy).
 
-    Args:
-        dx: end of the segment, m.
-        dy: the same.
-        cx: centre of the shape, m.
-        cy: the same.
-        row: the shape, no circle, columns `geometry.OBSTACLE`, [8].
+    The shape is a row of a layout, and no circle.
     """
     ax, ay = row[3], row[4]
     lx, ly = -(cx * ax + cy * ay), -(cy * ax - cx * ay)
@@ -53,15 +48,7 @@ def crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> bo
 
 @kernel
 def is_in_sight(px: float, py: float, qx: float, qy: float, layout: Float) -> bool:
-    """Whether no obstacle is between two points.
-
-    Args:
-        px: a point, m.
-        py: the same.
-        qx: the other point, m.
-        qy: the same.
-        layout: obstacles, [M, 8].
-    """
+    """Whether no obstacle of a layout [M, 8] is between two points, m."""
     dx, dy = qx - px, qy - py
     for m in range(layout.shape[0]):
         row = layout[m].astype(np.float64)

@@ -18,8 +18,7 @@ LOOKAHEAD_NODES = 40
 """Nodes of the path that are searched for a visible one: 2 to 2.8 m with a spacing of 0.05 m."""
 
 UNPLANNED_COST = -2
-"""Cost of node 0 until the paths are planned, which is when the goal is out of sight for the first
-time: a robot that always sees its goal needs none. Node 0 lies in a wall."""
+"""Cost of node 0, which lies in a wall, until the goal is out of sight and paths are planned."""
 
 
 class Paths(NamedTuple):
@@ -50,8 +49,7 @@ def is_visible(
 
     Where the start or the end has less clearance, that much is enough everywhere. Each step along
     the line is as long as the clearance beyond the need, at least half a spacing ("Sphere tracing",
-    The Visual Computer 12, 1996, section 2). Outside the arena, from where robots that are out of
-    reach start, nothing is in the way.
+    The Visual Computer 12, 1996, section 2). Outside the arena nothing is in the way.
     """
     (x, y), (to_x, to_y) = start, end
     dx, dy = to_x - x, to_y - y
@@ -74,15 +72,7 @@ def is_visible(
 
 @kernel
 def plan(x: float, y: float, radius: float, ground: Ground, paths: Paths) -> None:
-    """Plans the paths of a robot from all nodes to the node nearest to a point that it can reach.
-
-    Args:
-        x: point, m.
-        y: point, m.
-        radius: of the robot, m.
-        ground: the free space.
-        paths: written.
-    """
+    """Plans the paths of a robot from all nodes to the reachable node nearest to a point."""
     costs, next_nodes = paths
     weights = weights_of(ground.clearances, radius)
     end = nearest_node(x, y, weights - 1, ground)
@@ -130,10 +120,9 @@ def waypoint(
     ground: Ground,  # the free space
     paths: Paths,  # to the goal; planned if they are not yet
 ) -> tuple[float, float]:
-    """Returns the point to aim at: the goal if visible, else the farthest visible node of the path.
+    """Returns the point to aim at, m: the farthest visible node of the path to the goal.
 
-    Returns:
-        The point, m; the goal if no path leads there.
+    It is the goal itself if that is visible, or if no path leads there.
     """
     need = radius + PATH_GAP
     if is_visible(position, (goal[0], goal[1]), need, ground):

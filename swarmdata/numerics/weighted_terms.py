@@ -7,9 +7,8 @@ and the share s of the team, all computed in float64:
     mean     = ((own_0 + own_1) + own_2 + ...) / N           in the order of the agents
     reward_i = (1 - s) own_i + s mean                        rounded to float32
 
-In a task of several sides, the mean is that of the agent's own side.
-
-The order is part of the definition: a plain loop in any language gives the same bits.
+In a task of several sides, the mean is that of the agent's own side. The order is part of the
+definition: a plain loop in any language gives the same bits.
 """
 
 from collections.abc import Sequence

@@ -1,8 +1,7 @@
 """Slots of an observation by kind: the columns of each neighbor, obstacle, message and goal.
 
-Slots of one kind are a set: they have the same fields, and policies may read them in any number and
-order. Beams, cells and previews are numbered too, but their numbers say where they are; they are
-read by column, as the robot's own features.
+Slots of one kind are a set, which policies read in any number and order. The numbers of beams,
+cells and previews say where they are, so these are read by column, as the robot's own features.
 """
 
 import re
@@ -21,9 +20,7 @@ SETS = ("neighbor", "obstacle", "message", "goal", "unsearched")
 """Kinds of slots whose numbers mean nothing, or their order by distance."""
 
 UNREAD = ("own.x", "own.y", "message.sender")
-"""What means something else in teams and arenas of other sizes, and is therefore not read.
-
-Goals, obstacles and robots are observed relative to the robot."""
+"""What means something else in teams and arenas of other sizes, and is therefore not read."""
 
 _SLOT_FIELD = re.compile(rf"({'|'.join(SETS)})_(\d+)\.(\w+)((?:\[-\d+\])?)")
 
@@ -59,17 +56,8 @@ class Slots:
     @classmethod
     def parse(cls, document: Mapping[str, Any]) -> "Slots":
         """Returns what `dataclasses.asdict` made JSON values of."""
-        kinds = (
-            SlotKind(
-                each["name"],
-                tuple(each["fields"]),
-                tuple(tuple(columns) for columns in each["columns"]),
-                tuple(each["masks"]),
-            )
-            for each in document["kinds"]
-        )
-        own, columns = tuple(document["own"]), tuple(document["own_columns"])
-        return cls(document["n_columns"], own, columns, tuple(kinds))
+        kinds = tuple(SlotKind(**_tuples(each)) for each in document["kinds"])
+        return cls(**{**_tuples(document), "kinds": kinds})
 
     @property
     def fields(self) -> tuple[str, ...]:
@@ -80,14 +68,11 @@ class Slots:
     def moments(self, mean: Double, std: Double) -> tuple[Double, Double]:
         """Returns mean and deviation of each of `fields`, over the slots that hold something.
 
-        An empty slot is all zeros, so the mean of its mask is the share of rows in which it holds
-        something, and sums over rows are sums over these rows.
-
         Args:
             mean: of each column over the rows of the data, [O].
             std: of each column, [O].
         """
-        squares = std**2 + mean**2
+        squares = std**2 + mean**2  # empty slots are zeros: a mean is over all rows
         own = list(self.own_columns)
         means, second = [mean[own]], [squares[own]]
         for kind in self.kinds:
@@ -104,12 +89,7 @@ class Slots:
         return self._by_column(mean, 0.0), self._by_column(std, 1.0)
 
     def _by_column(self, values: Double, other: float) -> Double:
-        """Returns a value for each column, [O], of values for each of `fields`.
-
-        Args:
-            values: of the fields.
-            other: value of masks and of columns that are not read.
-        """
+        """Values of `fields` for each column, [O]; masks and what is not read have the other."""
         out = np.full(self.n_columns, other)
         out[list(self.own_columns)] = values[: len(self.own)]
         first = len(self.own)
@@ -119,10 +99,7 @@ class Slots:
         return out
 
     def in_order_of(self, known: "Slots") -> "Slots":
-        """Returns these slots, their kinds in the order of others'; absent kinds have no slots.
-
-        Args:
-            known: what a policy was trained with; the numbers of slots may differ.
+        """Returns these slots, with kinds as a policy was trained with; absent ones have no slots.
 
         Raises:
             PolicyFitError: the own features, the kinds, or the fields of a kind differ.
@@ -143,13 +120,16 @@ class Slots:
         )
 
 
+def _tuples(value: Any) -> Any:
+    """A mapping with tuples for its lists, at any depth of lists."""
+    if isinstance(value, Mapping):
+        return {key: _tuples(each) for key, each in value.items()}
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
+
+
 @cache
 def slots_of(names: tuple[str, ...], frame: Frame | None) -> Slots:
-    """Returns the slots of a robot's observation.
-
-    Args:
-        names: of the observation's features, without what the frame adds.
-        frame: in which the robots see; None for the world's.
+    """Returns the slots of a robot's observation, of its features' names and what a frame adds.
 
     Raises:
         SchemaError: the features have no names, as those of recorded environments.

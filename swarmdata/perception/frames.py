@@ -1,18 +1,6 @@
 """Frames in which policies observe and act: the world's, or each robot's own, turned to an anchor.
 
-A task without preferred directions looks the same when it is turned. A policy that observes every
-vector relative to the direction of its target need not learn to drive in every direction. The speed
-at which a gap closes is a product of two vectors, which a small ReLU network does not form, so a
-frame adds it.
-
-Nor does a small network form the nearness of robots that it knows only from messages, which hold
-positions in metres, in the order of the senders. A frame adds the features that `observation:
-state` has for visible robots.
-
-Unicycles get a forward speed and a turn rate, in their body's axes already. Their frame is that of
-their heading, whatever the others in their team turn to: it turns what they observe, and leaves
-commands as they are.
-
+Unicycles turn to their heading, whatever the others in their team turn to, and their commands stay.
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
 
@@ -47,7 +35,10 @@ TARGET = "own.goal_dx"
 
 @dataclass(frozen=True)
 class Frame:
-    """Turns observations and actions about the direction of one observed vector, the anchor."""
+    """Turns observations and actions about the direction of one observed vector, the anchor.
+
+    It adds what a small network does not form: closing speeds, and nearness of who is only heard.
+    """
 
     anchor: int  # index of the anchor's x component in an observation; its y component follows
     vectors: tuple[int, ...]
@@ -59,8 +50,7 @@ class Frame:
     """For each slot of messages, the indices of the sender's position, of the robot's own velocity
     and of the sender's, -1 if that is not sent. The frame adds the direction to the sender times
     its nearness, 1 - distance / `HEARING_RANGE`, and the scalar product of that vector and the own
-    velocity minus the sender's. All are 0 beyond that distance, and for senders without a received
-    message."""
+    velocity minus the sender's; 0 beyond that distance and for senders that were never heard."""
     heading: int = NO_HEADING
     """Index of the x component of the own heading, the anchor of unicycles; their commands do not
     turn."""
@@ -73,13 +63,7 @@ class Frame:
         return 2 + len(self.closing) + 3 * len(self.heard)
 
     def names(self, names: Sequence[str]) -> tuple[str, ...]:
-        """Returns the names of the numbers that `inputs` returns.
-
-        What belongs to a slot has its name: `neighbor_0.closing`, `message_1.near_x`.
-
-        Args:
-            names: of the observations' features, [O].
-        """
+        """Returns the names of what `inputs` returns, such as `neighbor_0.closing`, of [O]."""
         near = (names[k].rpartition(".")[0] for k, _ in self.closing)
         senders = (names[k].rpartition(".")[0] for k, *_ in self.heard)
         return (
@@ -107,10 +91,7 @@ class Frame:
         return turns
 
     def directions(self, observations: Float) -> tuple[Double, Double]:
-        """Returns the unit vectors of the frame's x axis, two arrays [..., N].
-
-        If the anchor has length 0, the frame is the world's.
-        """
+        """Returns the frame's x axis, two arrays [..., N]; the world's where the anchor is 0."""
         n = observations.shape[-2]
         first = np.where(self.turns(n), self.anchor, self.heading)
         x, y = (observations[..., np.arange(n), first + k].astype(np.float64) for k in (0, 1))
@@ -143,12 +124,7 @@ class Frame:
         )
 
     def to_world(self, observations: Float, actions: Float | Double) -> Double:
-        """Returns actions in the world's frame, [..., N, A]; their first two columns are turned.
-
-        Args:
-            observations: in the world's frame, [..., N, O].
-            actions: in this frame, [..., N, A].
-        """
+        """Returns actions [..., N, A] in the world's frame, as observations [..., N, O] are."""
         return self._rotated(observations, actions, 1.0)
 
     def to_local(self, observations: Float, actions: Float | Double) -> Double:
@@ -165,34 +141,22 @@ class Frame:
         return out
 
     def turned(self, batch: Batch) -> Batch:
-        """Returns a batch in this frame, as robots see and act: `inputs`, and `recorded` actions.
-
-        States and rewards stay as they are, and fields that the batch does not have.
-        """
-
-        def seen(observations: Float | None) -> Float | None:
-            return None if observations is None else self.inputs(observations)
-
-        def taken(observations: Float, actions: Float | None) -> Float | None:
-            return None if actions is None else self.recorded(observations, actions)
-
-        return replace(
-            batch,
-            observations=seen(batch.observations),
-            next_observations=seen(batch.next_observations),
-            actions=taken(batch.observations, batch.actions),
-            next_actions=taken(batch.next_observations, batch.next_actions),
-        )
+        """Returns a batch as robots see and act in this frame: `inputs`, and `recorded` actions."""
+        changes: dict[str, Float] = {}
+        for before in ("", "next_"):
+            seen = getattr(batch, f"{before}observations")
+            taken = getattr(batch, f"{before}actions")
+            if seen is not None:
+                changes[f"{before}observations"] = self.inputs(seen)
+            if taken is not None:
+                changes[f"{before}actions"] = self.recorded(seen, taken)
+        return replace(batch, **changes)
 
     def recorded(self, observations: Float, actions: Float) -> Float:
         """Returns recorded actions in this frame, float32 [..., N, A], within [-1, 1].
 
-        Worlds clip a command that is a vector to a norm of 1 (`envs.physics.dynamics`): a longer
-        one is recorded as it was given, and means the same when it is clipped before it is turned.
-
-        Args:
-            observations: in the world's frame, [..., N, O].
-            actions: in the world's frame, [..., N, A].
+        Worlds clip a vector to a norm of 1 (`envs.physics.dynamics`), and here it is clipped before
+        it is turned. Observations are [..., N, O].
         """
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
         turns = self.turns(actions.shape[-2])
@@ -203,13 +167,9 @@ class Frame:
 
 
 def current_fields(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Returns the fields of a `Frame`, given those in a file.
-
-    Older files have `turns_commands` instead of `heading`; where it is False, the anchor is the
-    heading of unicycles.
-    """
+    """Returns the fields of a `Frame`, given those in a file, which may be an older one's."""
     found = dict(fields)
-    if not found.pop("turns_commands", True):
+    if not found.pop("turns_commands", True):  # the anchor is the heading of unicycles
         found["heading"] = found["anchor"]
     return found
 
@@ -274,15 +234,10 @@ def _approach(row: Float, heard: Int) -> tuple[float, float, float]:
 
 
 def in_world(frame: Frame | None, observations: Float, actions: Double) -> Double:
-    """Returns a policy's actions in the world's frame, within [-1, 1], [E, N, A].
+    """Returns a policy's actions of a frame in the world's, within [-1, 1], [E, N, A].
 
-    Worlds clip a command to a norm of 1 (`envs.physics.dynamics`) after its components. Here the
-    norm is clipped first, so that a turned command keeps its direction. Those of unicycles stay.
-
-    Args:
-        frame: in which the actions are; None for the world's.
-        observations: in the world's frame, [E, N, O].
-        actions: in [-1, 1], [E, N, A].
+    The norm is clipped to 1 before the components, so that a turned command keeps its direction.
+    Observations are [E, N, O]; `frame` is None for the world's.
     """
     if frame is None:
         return actions
@@ -313,11 +268,7 @@ def _turn_back(rows: Float, turns: Bool, anchor: int, actions: Double) -> None:
 
 
 def natural_anchor(features: Sequence[Feature], robots: Sequence[Robot] = ()) -> str:
-    """Returns `target`, or `own.heading` where all robots are unicycles, if they are observed.
-
-    Where they are not, as of beams and cells, it returns `world`. Arguments are those of
-    `find_frame`.
-    """
+    """Returns `target`, `own.heading` where all are unicycles, or `world` if it is not observed."""
     names = {feature.name for feature in features}
     if f"{HEADING}_x" in names and not (_holonomic(robots) and TARGET in names):
         return HEADING

@@ -3,8 +3,8 @@
 import numpy as np
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.comms import Channel
-from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.comms.channel import Channel
+from swarmdata.perception.sensing.sensor import Sensor
 from swarmdata.perception.wayfinder import Wayfinder
 from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import Broadcast
@@ -14,10 +14,9 @@ from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, St
 class Observer:
     """Writes the observations and messages of E copies, step after step.
 
-    An observation holds the features of the sensor, then, with communication, the received
-    messages, and then, if robots have a map, the ways to the places that these tell. It is a
-    function of the episode's seed, layout, states and actions up to that step, so recorded states
-    can be reobserved with any models, without the world.
+    An observation holds the features of the sensor, the received messages, if any, and the ways to
+    the places that these tell, if robots have a map. It is a function of the episode's seed,
+    layout, states and actions up to that step, so recorded states can be reobserved.
     """
 
     def __init__(self, task: Task, n_copies: int) -> None:

@@ -1,15 +1,7 @@
 """Ways: where to drive to each place that an observation tells, how far it is, and who is nearer.
 
-Robots of observation models with `ways` have a map of the obstacles, and localise on it as well as
-their sensors do. To a place in sight the way is straight. Otherwise it starts towards the farthest
-point in sight of the cheapest path around the obstacles, as that of the scripted controllers
-(`numerics.waypoints`), for the largest robot of the team. Other robots and movable bodies are not
-on the map. To a place where no robot fits, such as the base of `search`, there is no way: all is 0.
-Who is nearer, as the crow flies, a robot knows of those from which it has messages.
-
-Ways are a function of the layout, of where the robot believes to be and of the place, rounded to
-the grid of the map: the same alone and in any batch. Paths are kept for the places that were asked
-for last.
+They are a function of the layout, of where the robot believes to be and of the place
+(`ways_definition`); other robots and movable bodies are not on the map.
 """
 
 import math
@@ -48,12 +40,11 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Step
 
 NODE_SPACING = 0.1
-"""Metres between the nodes of the map, half of those of the scripted controllers' maps. A passage
-of 0.34 m leaves a strip as wide for the centre of a robot of radius 0.12 m."""
+"""Metres between the nodes of the map. A passage of 0.34 m leaves a strip as wide for the centre of
+a robot of radius 0.12 m."""
 
 WAY_GAP = 0.05
-"""Metres of free gap that a straight piece of a way keeps where it can, more than the paths of the
-scripted controllers: a robot that follows it to a corner does not stop there, and goes wide."""
+"""Metres of free gap that a straight piece of a way keeps where it can, to go wide at corners."""
 
 N_WAY_FEATURES = 4
 """Numbers for each place: two of the direction, the length, and how many robots are nearer."""
@@ -127,12 +118,9 @@ class Wayfinder:
         self._plans = _no_plans(task, n_copies)
 
     def observe(self, step: Step, known: Float, active: Bool) -> None:
-        """Writes the last columns of the active copies' observations.
+        """Writes the last columns of the active copies' observations, which are complete else.
 
-        Args:
-            step: the current step; its observations are complete but for the ways.
-            known: the robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N].
-            active: copies to observe, [E].
+        Robots believe to be where they measured themselves, columns `ROBOT` first, [E, >= 8 N].
         """
         write_all_ways(
             known, step.layouts, step.times, active, self._guide, self._plans, step.observations
@@ -221,10 +209,7 @@ def map_layout(layout: Float, b: int, guide: Guide, plans: Plans) -> None:
 
 @kernel
 def paths_to(x: float, y: float, b: int, guide: Guide, plans: Plans) -> Paths:
-    """Returns the paths of copy b to the node nearest to a point; plans them if they are not kept.
-
-    Those that were not used for the longest time are given up.
-    """
+    """Returns the paths of copy b to the node nearest to a point, kept for those used last."""
     ground = Ground(plans.clearances[b], guide.half, NODE_SPACING)
     rows, columns = ground.clearances.shape
     column = min(max(int((x + guide.half[0]) / NODE_SPACING + 0.5), 0), columns - 1)
@@ -289,14 +274,7 @@ def write_way(
 
 @kernel
 def share_nearer(x: float, y: float, row: Float, guide: Guide) -> float:
-    """Returns the share of the other robots that are nearer to a place.
-
-    Args:
-        x: of the place, relative to the robot, in the frame of its observation, m.
-        y: the same.
-        row: its observation, [O].
-        guide: constants.
-    """
+    """Returns the share of others that are nearer to a place at (x, y) in a robot's observation."""
     count = 0
     for k in range(guide.senders.shape[0]):
         at, mask = guide.senders[k]

@@ -1,10 +1,6 @@
-"""The cost of a world: an estimate from its spec alone, and upper limits.
+"""The cost of a world, estimated from its spec alone, and upper limits.
 
-The limits leave room for large research (256 robots; 1,024 rays; 64 frames) and refuse worlds that
-would fill the memory or never finish. They bound single counts, and the products that matter: the
-memory of one copy and of one recorded episode, the time of one control step and of drawing one
-layout. The estimates have the right order of magnitude and err on the large side:
-`tests/specs/test_budget.py` compares them with measured worlds.
+The estimates err on the large side: `tests/specs/test_budget.py` compares them with real worlds.
 """
 
 from collections.abc import Iterator
@@ -40,9 +36,8 @@ MAP_SPACING = 0.1  # m, between the nodes of robots' maps, as in `perception.way
 
 
 class Size(NamedTuple):
-    """The counts that determine the cost."""
+    """The counts that determine the cost, beside the spec's own."""
 
-    robots: int  # N
     obstacles: int  # M
     places: int  # where goods are picked or delivered
     frame: int  # numbers in one frame of one robot's observation
@@ -53,7 +48,6 @@ class Size(NamedTuple):
     ways: int  # that a robot observes; 0: robots have no map
     nodes: int  # of their map; 0: they have none
     state: int  # numbers in a state, S
-    horizon: int  # T
 
 
 class Demand(NamedTuple):
@@ -69,62 +63,67 @@ def excesses(spec: "TaskSpec") -> Iterator[str]:
     """Yields a sentence for each limit that a spec exceeds: got, allowed, and what to reduce."""
     size = size_of(spec)
     substeps = spec.control_dt / spec.physics_dt
-    counts = {
-        "team: {} robots (the sum of each count)": (size.robots, MAX_ROBOTS),
-        "obstacles: {} of them, shelves included": (size.obstacles, MAX_OBSTACLES),
-        "rules: {} places where goods are picked or delivered": (size.places, MAX_PLACES),
-        "observation.stack: {} frames": (spec.observation.stack, MAX_STACKED_FRAMES),
-        "observation.delay: {} steps": (spec.observation.delay, MAX_DELAY_STEPS),
-        "communication.delay: {} steps": (max(size.links - 1, 0), MAX_DELAY_STEPS),
-        "horizon: {} steps": (size.horizon, MAX_HORIZON_STEPS),
-        "physics_dt: {} physics steps in control_dt": (substeps, MAX_SUBSTEPS),
-        "observation: {} numbers for each robot (all frames, and messages)": (
+    counts = (
+        ("team: {} robots (the sum of each count)", spec.n_agents, MAX_ROBOTS),
+        ("obstacles: {} of them, shelves included", size.obstacles, MAX_OBSTACLES),
+        ("rules: {} places where goods are picked or delivered", size.places, MAX_PLACES),
+        ("observation.stack: {} frames", spec.observation.stack, MAX_STACKED_FRAMES),
+        ("observation.delay: {} steps", spec.observation.delay, MAX_DELAY_STEPS),
+        ("communication.delay: {} steps", max(size.links - 1, 0), MAX_DELAY_STEPS),
+        ("horizon: {} steps", spec.horizon, MAX_HORIZON_STEPS),
+        ("physics_dt: {} physics steps in control_dt", substeps, MAX_SUBSTEPS),
+        (
+            "observation: {} numbers for each robot (all frames, and messages)",
             size.observation,
             MAX_OBSERVATION_SIZE,
         ),
-    }
-    for what, (got, most) in counts.items():
+    )
+    for what, got, most in counts:
         if got > most:
             yield f"{what.format(f'{got:,.0f}')}, at most {most:,} are allowed"
-    demand = demand_of(spec, size, substeps)
+    demand = demand_of(spec)
     costs = list(_costs_too_much(spec, demand))
     yield from costs
-    if not costs and any(got > most for got, most in counts.values()):
+    if not costs and any(got > most for _, got, most in counts):
         yield describe_demand(demand)
 
 
 def _costs_too_much(spec: "TaskSpec", demand: Demand) -> Iterator[str]:
-    team = f"{spec.n_agents:,} robots"
-    view = f"{_sensor(spec, 0, 0).words} x {spec.observation.stack:,} frames"
-    if demand.copy_bytes > MAX_COPY_BYTES:
-        yield (
-            f"one copy of the world takes about {in_bytes(demand.copy_bytes)}, at most "
-            f"{in_bytes(MAX_COPY_BYTES)} are allowed: reduce team ({team}), observation ({view}) "
-            "or communication"
-        )
-    if demand.episode_bytes > MAX_EPISODE_BYTES:
-        yield (
-            f"one recorded episode takes about {in_bytes(demand.episode_bytes)}, at most "
-            f"{in_bytes(MAX_EPISODE_BYTES)} are allowed: reduce horizon ({spec.horizon:,} steps), "
-            f"team ({team}) or observation ({view})"
-        )
-    if demand.step_seconds > MAX_STEP_SECONDS:
-        yield (
-            f"one control step takes about {in_seconds(demand.step_seconds)}, at most "
-            f"{in_seconds(MAX_STEP_SECONDS)} are allowed: reduce team ({team}), observation "
-            f"({view}), obstacles or control_dt / physics_dt"
-        )
-    if demand.draw_seconds > MAX_DRAW_SECONDS:
-        yield (
-            f"drawing a layout takes up to about {in_seconds(demand.draw_seconds)}, at most "
-            f"{in_seconds(MAX_DRAW_SECONDS)} are allowed: reduce spawn.max_attempts "
-            f"({spec.spawn.max_attempts:,}), team ({team}) or obstacles"
-        )
+    team = f"team ({spec.n_agents:,} robots)"
+    view = f"observation ({_sensor(spec, 0, 0).words} x {spec.observation.stack:,} frames)"
+    horizon = f"horizon ({spec.horizon:,} steps)"
+    attempts = f"spawn.max_attempts ({spec.spawn.max_attempts:,})"
+    limits = (
+        (
+            "one copy of the world takes",
+            MAX_COPY_BYTES,
+            in_bytes,
+            f"{team}, {view} or communication",
+        ),
+        ("one recorded episode takes", MAX_EPISODE_BYTES, in_bytes, f"{horizon}, {team} or {view}"),
+        (
+            "one control step takes",
+            MAX_STEP_SECONDS,
+            in_seconds,
+            f"{team}, {view}, obstacles or control_dt / physics_dt",
+        ),
+        (
+            "drawing a layout takes up to",
+            MAX_DRAW_SECONDS,
+            in_seconds,
+            f"{attempts}, {team} or obstacles",
+        ),
+    )
+    for got, (what, most, shown, reducible) in zip(demand, limits, strict=True):
+        if got > most:
+            yield (
+                f"{what} about {shown(got)}, at most {shown(most)} are allowed: reduce {reducible}"
+            )
 
 
 def copies_excess(spec: "TaskSpec", n_copies: int) -> str | None:
     """The reason why that many copies of a world are refused, None if they are not."""
-    one = demand_of(spec, size_of(spec), spec.n_substeps).copy_bytes
+    one = demand_of(spec).copy_bytes
     if n_copies < 1 or one * n_copies > MAX_TOTAL_BYTES:
         return (
             f"{n_copies:,} copies of {spec.task} with {spec.n_agents:,} robots take about "
@@ -136,7 +135,7 @@ def copies_excess(spec: "TaskSpec", n_copies: int) -> str | None:
 
 def part_excess(spec: "TaskSpec", part_episodes: int) -> str | None:
     """The reason why parts of that many episodes are refused, None if they are not."""
-    one = demand_of(spec, size_of(spec), spec.n_substeps).episode_bytes
+    one = demand_of(spec).episode_bytes
     if part_episodes > 1 and one * part_episodes > MAX_TOTAL_BYTES:
         return (
             f"part_episodes is {part_episodes:,}: a part may take about "
@@ -165,9 +164,11 @@ def size_of(spec: "TaskSpec") -> Size:
     if isinstance(channel, Broadcast):
         message = channel.message_size if channel.payload == "learned" else 8
         links, heard = channel.delay + 1, (n - 1) * (message + 3)
-    ways, nodes = _mapped(spec, n) if spec.observation.ways else (0, 0)
+    ways = nodes = 0
+    if spec.observation.ways:
+        rows, columns = (size / MAP_SPACING + 1 for size in (spec.arena.height, spec.arena.width))
+        ways, nodes = 2 * n + 4, int(rows * columns)
     return Size(
-        robots=n,
         obstacles=spec.obstacles.number + task.obstacles,
         places=task.places,
         frame=frame,
@@ -178,19 +179,19 @@ def size_of(spec: "TaskSpec") -> Size:
         message=message,
         links=links,
         state=8 * n + task.columns,
-        horizon=spec.horizon,
     )
 
 
-def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
-    """Estimates memory and time of a world of this size."""
-    n, m, o = size.robots, size.obstacles, size.observation
+def demand_of(spec: "TaskSpec") -> Demand:
+    """Estimates memory and time of a world."""
+    size, n, substeps = size_of(spec), spec.n_agents, spec.control_dt / spec.physics_dt
+    m, o = size.obstacles, size.observation
     links = n * n if size.links else 0
     # 18: numbers of a robot's action, log-probability, reward with its terms, and events
     one_step = 4 * (n * (o + size.message + 18) + size.state) + 2 * links
     history = 4 * n * size.frame * (size.frames + 1 if size.frames > 1 else 1)
     radio = links * 4 * (size.message + 2) + size.links * (4 * n * size.message + links)
-    objects = 400 * o + 20_000 * n + 6_000 * m + 100 * size.places + 24 * n * n + size.horizon
+    objects = 400 * o + 20_000 * n + 6_000 * m + 100 * size.places + 24 * n * n + spec.horizon
     map_bytes = size.nodes * (8 * (4 * n + 8) + 8)
     around = n + m + 4
     sensing = _sensor(spec, n, m).nanoseconds + n * o + links * (size.message + 4)
@@ -199,16 +200,10 @@ def demand_of(spec: "TaskSpec", size: Size, substeps: float) -> Demand:
     physics = substeps * (500 * around + 2 * n * around)
     return Demand(
         copy_bytes=4 * one_step + history + radio + objects + map_bytes,
-        episode_bytes=float(size.horizon) * one_step,
+        episode_bytes=float(spec.horizon) * one_step,
         step_seconds=1e-9 * (sensing + matching + physics + finding + 10 * n * around),
         draw_seconds=1e-9 * spec.spawn.max_attempts * _draw_operations(spec, n, m),
     )
-
-
-def _mapped(spec: "TaskSpec", n: int) -> tuple[int, int]:
-    """Ways that robots with a map observe, and nodes of the map."""
-    rows, columns = (size / MAP_SPACING + 1 for size in (spec.arena.height, spec.arena.width))
-    return 2 * n + 4, int(rows * columns)
 
 
 class _Sensor(NamedTuple):

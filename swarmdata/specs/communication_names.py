@@ -18,10 +18,8 @@ from swarmdata.specs.sensing_models import (
 MEAN_BURST = 4
 """Steps that a burst of `bursty-<percent>` lasts on average."""
 
-COMMUNICATION_KINDS: dict[str, type[NoCommunication] | type[Broadcast]] = {
-    "none": NoCommunication,
-    "broadcast": Broadcast,
-}
+Kind = type[NoCommunication] | type[Broadcast]
+COMMUNICATION_KINDS: dict[str, Kind] = {"none": NoCommunication, "broadcast": Broadcast}
 _ALONE: dict[str, AnyCommunicationModel] = {
     "none": NoCommunication.defaults(),
     "perfect": Broadcast.defaults(),
@@ -129,11 +127,7 @@ def _share(percent: str) -> Decimal:
 
 
 def _bursty(percent: str) -> dict[str, Any]:
-    """Bursts that lose every message and last `MEAN_BURST` steps on average.
-
-    A link is bad for the share enter / (enter + leave) of the time, with leave = 1 / MEAN_BURST.
-    The probability of entering is at most 1, which bounds that share; 0 percent are no bursts.
-    """
+    """Bursts of `MEAN_BURST` steps: links are bad for the share enter / (enter + leave) of time."""
     share, leave = _share(percent), 1 / Decimal(MEAN_BURST)
     most = 1 / (1 + leave)
     if share > most:

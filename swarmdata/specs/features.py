@@ -1,7 +1,4 @@
-"""Features, the numbers of an observation: name, physical kind, and axis if part of a vector.
-
-The kind determines the unit, the axis how a rotation into the body frame acts.
-"""
+"""Features, the numbers of an observation: name, physical kind, and axis if part of a vector."""
 
 from collections.abc import Iterable, Sequence
 from typing import Literal, NamedTuple
@@ -9,8 +6,7 @@ from typing import Literal, NamedTuple
 Kind = Literal["position", "velocity", "direction", "range", "flag"]
 """m, m/s, component of a vector of at most unit length, normalised distance, 0 or 1 or a code."""
 
-UNITS: dict[Kind, str] = {"position": "m", "velocity": "m/s"}
-"""Units of the kinds that have one."""
+UNITS: dict[Kind, str] = {"position": "m", "velocity": "m/s"}  # the other kinds have none
 
 
 class Feature(NamedTuple):

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import reprlib
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -20,8 +21,7 @@ from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, did_you_
 from swarmdata.runtime.documents import parse_document, read_document
 from swarmdata.types import shortened
 
-LEAST_POSITIVE = 1e-12
-"""Products and ratios of a few quantities below this leave the range of float32."""
+LEAST_POSITIVE = 1e-12  # products and ratios of a few smaller quantities leave float32
 
 
 def _not_tiny(value: float) -> float:
@@ -69,11 +69,8 @@ class Frozen(BaseModel):
         return cls.model_construct()
 
     def model_dump(self, **options: Any) -> dict[str, Any]:
-        """The fields as plain data, without later fields at their defaults; options are pydantic's.
-
-        This is no serializer that pydantic calls: while it writes a union, it would take an
-        interrupt in one for a value of another kind, and go on.
-        """
+        """The fields as plain data, without later ones at their defaults; options of pydantic."""
+        # no serializer that pydantic calls: in a union it would take an interrupt for another kind
         content = super().model_dump(**options)
         _leave_out_later_defaults(self, content)
         return content
@@ -163,10 +160,10 @@ def read_tagged(
         UnknownNameError: no such kind.
         SpecError: it cannot be read, or is not that model.
     """
+    data: Any
     if isinstance(source, Mapping):
-        return _kind_of(source, kinds, what, what).parse(dict(source), what)
-    where = f"text of {what}"
-    if is_file(source):
+        where, data = what, dict(source)
+    elif is_file(source):
         where = str(source)
         try:
             data = read_document(Path(source))
@@ -176,8 +173,17 @@ def read_tagged(
                 "fields of one model."
             ) from error
     else:
+        where = f"text of {what}"
         data = parse_document(str(source), where)
-    return _kind_of(data, kinds, what, where).parse(data, where)
+    if not isinstance(data, Mapping) or "kind" not in data:
+        raise SpecError(
+            f"{where}: got {SHORT_REPR.repr(data)}, expected a mapping with a key 'kind' "
+            f"({', '.join(kinds)}) and the fields of that model"
+        )
+    kind = str(data["kind"])
+    if kind not in kinds:
+        raise UnknownNameError(what, kind, kinds, INSTALL_HINT)
+    return kinds[kind].parse(data, where)
 
 
 def is_file(source: str | Path) -> bool:
@@ -190,24 +196,8 @@ def is_inline(source: str) -> bool:
     return any(mark in source for mark in ":{[\n")
 
 
-def _kind_of(
-    data: Any, kinds: Mapping[str, type[TaggedModel]], what: str, where: str
-) -> type[TaggedModel]:
-    if not isinstance(data, Mapping) or "kind" not in data:
-        raise SpecError(
-            f"{where}: got {SHORT_REPR.repr(data)}, expected a mapping with a key 'kind' "
-            f"({', '.join(kinds)}) and the fields of that model"
-        )
-    if str(data["kind"]) not in kinds:
-        raise UnknownNameError(what, str(data["kind"]), kinds, INSTALL_HINT)
-    return kinds[str(data["kind"])]
-
-
-MAX_LISTED_PROBLEMS = 20
-"""Problems that one message lists."""
-
-MAX_LISTED_CHARACTERS = 2_000
-"""Characters after which a message lists no further problem."""
+MAX_LISTED_PROBLEMS = 20  # in one message
+MAX_LISTED_CHARACTERS = 2_000  # after which a message lists no further problem
 
 SHORT_REPR = reprlib.Repr()
 SHORT_REPR.maxstring = SHORT_REPR.maxother = SHORT_REPR.maxlong = 100
@@ -257,21 +247,16 @@ DEFINED_BY_USERS = ("rules", "observation", "communication")
 
 _EXPECTED = {
     "missing": "it is missing",
-    "bool_type": "expected true or false",
-    "bool_parsing": "expected true or false",
-    "int_type": "expected a whole number",
-    "int_parsing": "expected a whole number",
-    "int_from_float": "expected a whole number",
-    "float_type": "expected a number",
-    "float_parsing": "expected a number",
+    **dict.fromkeys(("bool_type", "bool_parsing"), "expected true or false"),
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "expected a whole number"),
+    **dict.fromkeys(("float_type", "float_parsing"), "expected a number"),
     "finite_number": "expected a finite number",
     "string_type": "expected text",
-    "tuple_type": "expected a list",
-    "list_type": "expected a list",
-    "dict_type": "expected a mapping of keys to values",
-    "mapping_type": "expected a mapping of keys to values",
-    "model_type": "expected a mapping of keys to values",
-    "model_attributes_type": "expected a mapping of keys to values",
+    **dict.fromkeys(("tuple_type", "list_type"), "expected a list"),
+    **dict.fromkeys(
+        ("dict_type", "mapping_type", "model_type", "model_attributes_type"),
+        "expected a mapping of keys to values",
+    ),
     "literal_error": "expected {expected}",
     "greater_than": "expected more than {gt}",
     "greater_than_equal": "expected at least {ge}",
@@ -341,25 +326,15 @@ def classes_in(annotation: Any) -> Iterator[type]:
 class Dumps(Protocol):
     """What can be written as plain data: every `Frozen`, and the protocols that they keep."""
 
-    def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]:
-        """The fields as plain data."""
-        ...
+    def model_dump(self, *, mode: Literal["json"]) -> dict[str, Any]: ...
 
 
 class Document(Protocol):
     """Frozen data that is parsed from JSON, compared by value and hashed, as every `Frozen` is."""
 
-    def hash(self) -> str:
-        """SHA-256 of its canonical JSON, hex."""
-        ...
-
-    def to_json(self) -> str:
-        """Canonical JSON."""
-        ...
-
-    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
-        """A copy with some fields replaced, which are not checked."""
-        ...
+    def hash(self) -> str: ...  # SHA-256 of its canonical JSON, hex
+    def to_json(self) -> str: ...  # canonical JSON
+    def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self: ...  # not checked
 
 
 def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:
@@ -367,19 +342,17 @@ def differences(one: Dumps, other: Dumps) -> Iterator[tuple[str, Any, Any]]:
     return _differences("", one.model_dump(mode="json"), other.model_dump(mode="json"))
 
 
-MOST_DIFFERENCES = 3
-"""Fields that a message about another model names."""
+MOST_DIFFERENCES = 3  # that a message about another model names
 
 
 def describe_differences(there: Dumps, here: Dumps) -> str:
     """Returns the first fields in which two models differ, in their order; empty if none does."""
     order = list(here.model_dump(mode="json"))
     found = sorted(
-        differences(there, here), key=lambda each: order.index(each[0].split(".")[0].split("[")[0])
+        differences(there, here), key=lambda each: order.index(re.split(r"[.\[]", each[0])[0])
     )
-    named = [
-        f"{path} is {SHORT_REPR.repr(old)}, not {SHORT_REPR.repr(new)}" for path, old, new in found
-    ]
+    shown = SHORT_REPR.repr
+    named = [f"{path} is {shown(old)}, not {shown(new)}" for path, old, new in found]
     if len(named) > MOST_DIFFERENCES + 1:  # "and 1 more" would hide one that fits
         named[MOST_DIFFERENCES:] = [f"and {len(named) - MOST_DIFFERENCES} more"]
     return "; ".join(named)

@@ -17,12 +17,10 @@ from swarmdata.runtime.regular_files import read_regular
 
 FREE = ".GS"
 
-CELL = 0.7
-"""Side of a cell, m, unless the spec says another."""
+CELL = 0.7  # m, side of a cell, unless the spec says another
 
 STEPS_PER_METER = 20.0
-"""Control steps of an episode for each metre of the arena's width and height, unless the spec says
-how many: those of `coop_nav` in its own arena."""
+"""Control steps of an episode for each metre of width and height, unless the spec says how many."""
 
 
 def read_map(path: Path) -> tuple[str, ...]:
@@ -62,9 +60,8 @@ def read_map(path: Path) -> tuple[str, ...]:
 def with_map(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Returns the spec of a document that has `map: FILE` and may have `cell: METERS`.
 
-    It is one of `coop_nav`. The arena is as large as the map, there are no other obstacles, and
-    the horizon grows with the arena unless the document says another. The name of the map is
-    relative to `folder`.
+    It is one of `coop_nav`, with an arena as large as the map and no other obstacles. The name of
+    the map is relative to `folder`.
 
     Raises:
         OSError: the map cannot be read.

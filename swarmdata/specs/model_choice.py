@@ -21,7 +21,6 @@ _LOG = logging.getLogger("swarmdata")
 Source = str | Path | Mapping[str, Any] | Frozen
 """A model, its fields, a file or text of them, or a name such as `lidar` or `lossy-30`."""
 
-
 Ranges = Randomization | Mapping[str, tuple[float, float]]
 """Ranges from which episodes draw, by name; an empty mapping draws nothing."""
 
@@ -107,11 +106,7 @@ def chosen_models(
     randomization: Ranges | None = None,
     own: TaskSpec | None = None,
 ) -> TaskSpec:
-    """Does what `with_models` does for a user, and says what the choice changes.
-
-    One line of the logger `swarmdata`, at the level INFO, names every field in which the models
-    differ from the task's own. The command line shows it.
-    """
+    """Does what `with_models` does, and logs what that changes in a line of the level INFO."""
     own = spec if own is None else own
     found = with_models(spec, observation, communication, backend, randomization, own)
     if observation is not None or communication is not None:
@@ -133,13 +128,7 @@ def _changes(part: str, before: Frozen, after: Frozen) -> Iterator[str]:
         if isinstance(old, Frozen) and isinstance(new, Frozen):
             yield from _changes(f"{part}.{name}", old, new)
         elif old != new:
-            yield f"{part}.{name} {_word(old)} -> {_word(new)}"
-
-
-def _word(value: Any) -> str:
-    if value is None:
-        return "none"
-    return _plain(value.model_dump(mode="json") if isinstance(value, Frozen) else value)
+            yield f"{part}.{name} {_plain(old)} -> {_plain(new)}"
 
 
 def models_of(spec: TaskSpec) -> dict[str, Any]:
@@ -165,6 +154,10 @@ def _describe(model: Frozen) -> str:
 
 
 def _plain(value: Any) -> str:
+    if value is None:
+        return "none"
+    if isinstance(value, Frozen):
+        value = value.model_dump(mode="json")
     if isinstance(value, Mapping):
         return " ".join(f"{name} {_plain(inner)}" for name, inner in value.items())
     return format(value, "g") if isinstance(value, float) else str(value)
@@ -175,7 +168,6 @@ def check_senses(
 ) -> None:
     """Checks that a pair of models gives the inputs and messages that a policy was trained with.
 
-    The same features with other noise, range or losses are accepted: robustness is measured so.
     `features` are those of one robot's observation, trained and offered.
 
     Raises:

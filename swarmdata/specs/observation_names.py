@@ -25,11 +25,8 @@ OBSERVATION_KINDS: dict[str, type[StateModel | LidarModel | BearingModel | Occup
 }
 
 _SIZES = {
-    "state": "n_neighbors",
-    "lidar": "n_rays",
-    "bearing": "n_neighbors",
-    "occupancy": "cells",
-}
+    "state": "n_neighbors", "lidar": "n_rays", "bearing": "n_neighbors", "occupancy": "cells",
+}  # fmt: skip
 """The field that a number after the kind sets."""
 
 _RANGES = {"state": "limit", "lidar": "range", "bearing": "range"}
@@ -49,8 +46,7 @@ _MODIFIERS: dict[str, Callable[[str, Any], dict[str, Any]]] = {
     "ways": lambda _, __: {"ways": True},
 }
 
-_BARE = {"no-velocities", "body-frame", "ways"}
-"""Modifiers without a number."""
+_BARE = {"no-velocities", "body-frame", "ways"}  # they have no number
 
 
 def observation_model(

@@ -1,10 +1,6 @@
-"""Physical and other quantities of specs, with bounds that no research needs to leave.
+"""Quantities of specs, with bounds that keep every number of a world finite in float32."""
 
-They keep every number of a world finite in float32, so that no spec makes a state, an observation
-or the sum of an episode's rewards infinite.
-"""
-
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from pydantic import AfterValidator, Field
 
@@ -31,18 +27,19 @@ Ratio = Annotated[float, _bounded(1e-3, 1e3)]  # of two quantities of one kind, 
 Weight = Annotated[float, _bounded(0.0, 1e6)]  # of a term of the reward
 
 
-def check_order(span: tuple[float, float]) -> tuple[float, float]:
-    """Returns a range, from its smallest to its largest value.
+Number = TypeVar("Number", float, int)
 
-    Raises:
-        ValueError: it begins above its end.
-    """
+
+def _in_order(span: tuple[Number, Number]) -> tuple[Number, Number]:
     if span[0] > span[1]:
         raise ValueError(f"{span} begins above its end, expected the smaller first")
     return span
 
 
-Span = Annotated[tuple[Length, Length], AfterValidator(check_order)]  # m, smallest and largest
+Range = Annotated[tuple[Number, Number], AfterValidator(_in_order)]
+"""The smallest and the largest value of a quantity."""
+
+Span = Range[Length]  # m
 
 Count = Annotated[int, Field(ge=1, le=10**12)]
 """A count of at least one; `budget` limits it."""

@@ -1,13 +1,8 @@
 """Domain randomization as data: what each episode draws anew, and from which ranges.
 
-Randomizing what a simulator cannot know makes policies robust against it (Tobin et al., "Domain
-randomization for transferring deep neural networks from simulation to the real world", IROS 2017;
-of dynamics: Peng et al., ICRA 2018).
+(Tobin et al., "Domain randomization for transferring deep neural networks from simulation to the
+real world", IROS 2017; of dynamics: Peng et al., ICRA 2018.)
 """
-
-from typing import Annotated
-
-from pydantic import AfterValidator
 
 from swarmdata.specs.frozen import Frozen, NonNegative, Probability
 from swarmdata.specs.quantities import (
@@ -17,12 +12,10 @@ from swarmdata.specs.quantities import (
     Friction,
     Lag,
     Mass,
+    Range,
     Speed,
     TurnRate,
-    check_order,
 )
-
-_Ordered = AfterValidator(check_order)
 
 
 class Randomization(Frozen):
@@ -33,21 +26,21 @@ class Randomization(Frozen):
     spec.
     """
 
-    max_speed: Annotated[tuple[Speed, Speed], _Ordered] | None = None  # m/s
-    max_acceleration: Annotated[tuple[Acceleration, Acceleration], _Ordered] | None = None  # m/s^2
-    max_turn_rate: Annotated[tuple[TurnRate, TurnRate], _Ordered] | None = None  # rad/s, unicycles
-    mass: Annotated[tuple[Mass, Mass], _Ordered] | None = None  # kg
-    friction: Annotated[tuple[Friction, Friction], _Ordered] | None = None  # of the hull
-    wheel_grip: Annotated[tuple[Acceleration, Acceleration], _Ordered] | None = None
+    max_speed: Range[Speed] | None = None  # m/s
+    max_acceleration: Range[Acceleration] | None = None  # m/s^2
+    max_turn_rate: Range[TurnRate] | None = None  # rad/s, unicycles
+    mass: Range[Mass] | None = None  # kg
+    friction: Range[Friction] | None = None  # of the hull
+    wheel_grip: Range[Acceleration] | None = None
     """m/s^2 up to which wheels do not slip, unicycles."""
-    command_delay: Annotated[tuple[Delay, Delay], _Ordered] | None = None  # control steps
-    actuator_lag: Annotated[tuple[Lag, Lag], _Ordered] | None = None  # s
-    noise: Annotated[tuple[NonNegative, NonNegative], _Ordered] | None = None
+    command_delay: Range[Delay] | None = None  # control steps
+    actuator_lag: Range[Lag] | None = None  # s
+    noise: Range[NonNegative] | None = None
     """Deviation of all noise of a robot's sensors (m, m/s, rad), as in the name `noise-0.05`."""
-    drop_probability: Annotated[tuple[Probability, Probability], _Ordered] | None = None
+    drop_probability: Range[Probability] | None = None
     """Chance that a message is lost, one value for the team."""
-    payload_mass: Annotated[tuple[Mass, Mass], _Ordered] | None = None  # kg
-    payload_friction: Annotated[tuple[Force, Force], _Ordered] | None = None  # N, of the floor
+    payload_mass: Range[Mass] | None = None  # kg
+    payload_friction: Range[Force] | None = None  # N, of the floor
 
     @property
     def ranges(self) -> dict[str, tuple[float, float]]:
@@ -57,9 +50,6 @@ class Randomization(Frozen):
 
 RANDOM_FIELDS = tuple(Randomization.model_fields)
 """All of them; an episode's draw of a field depends on its index here, so new ones come last."""
-
-BODY_RANGES = RANDOM_FIELDS[:8]
-"""Those of `task_spec.Robot`."""
 
 PAYLOAD_RANGES = {"payload_mass": "mass", "payload_friction": "friction"}
 """Those of `rules.Payload`, and its fields."""

@@ -5,11 +5,7 @@ Equal recipes give equal datasets.
 
 from typing import Annotated, ClassVar, NamedTuple, Self
 
-from pydantic import (
-    AfterValidator,
-    Field,
-    model_validator,
-)
+from pydantic import AfterValidator, Field, model_validator
 
 from swarmdata.specs.budget import part_excess
 from swarmdata.specs.frozen import Frozen, Positive
@@ -19,6 +15,11 @@ from swarmdata.specs.task_spec import TaskSpec
 
 MOST_POLICIES = 256
 """Most policies of a dataset: their indices are bytes."""
+
+Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
+"""Id of a dataset: words joined by -, and the version."""
+
+Seed = Annotated[int, Field(ge=0, lt=1 << 32)]
 
 
 class PolicySource(Frozen):
@@ -110,12 +111,11 @@ class Recipe(Frozen):
     remaking: ClassVar[None] = None
     has_world_seeds: ClassVar[bool] = True
 
-    id: Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
-    """Words joined by -, and the version."""
+    id: Id  # words joined by -, and the version
     tier: Label  # name of the data's quality, for the card
     spec: TaskSpec  # the task
     policies: Policies  # who acts, and how much
-    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the episodes
+    seed: Seed = 0  # of the episodes
     n_steps: Annotated[int, Field(ge=1, le=10**12)] = 1_000_000  # least joint steps
     part_episodes: Annotated[int, Field(ge=1, le=1 << 16)] = 256
     """Episodes that a worker makes at a time."""
@@ -147,10 +147,8 @@ class Recipe(Frozen):
 
     @property
     def recipe(self) -> "Recipe":
-        """Itself."""
         return self
 
     @property
     def split_rule(self) -> SplitRule:
-        """The rule that splits its episodes."""
         return SplitRule(self.splits, self.seed)

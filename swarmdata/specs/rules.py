@@ -1,8 +1,6 @@
-"""What the rules of all tasks share, and where those of each task are.
+"""The part of a spec that only one task has: what all rules share, and where each task's are.
 
-The rules are the part of a spec that only one task has, with its reward weights. They also say what
-the rest of the package has to know of the task without its code: `TaskRules`. Lengths are metres,
-times seconds, speeds metres per second, angles radians.
+Lengths are metres, times seconds, speeds metres per second, angles radians.
 """
 
 from collections.abc import Iterator, Mapping
@@ -92,10 +90,7 @@ class Side(NamedTuple):
 
 
 class TaskDemand(NamedTuple):
-    """What a task adds to the demand of a world (`specs.budget`): rather too much than too little.
-
-    The defaults suit tasks that add a few numbers for each robot.
-    """
+    """What a task adds to the demand of a world (`specs.budget`), rather too much."""
 
     columns: int  # of a state, beside those of robots
     obstacles: int = 0  # of every layout, beside those that `Obstacles` counts
@@ -170,10 +165,7 @@ def rules_model(task: str) -> type[TaskRules]:
 
 
 def _read_rules(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
-    """Reads rules with the model of their task, and of no other: that of each costs time to import.
-
-    Problems are reported at `rules.TASK.FIELD`.
-    """
+    """Reads rules with the model of their task alone; problems are at `rules.TASK.FIELD`."""
     if not isinstance(value, Mapping):
         return read(value)
     task = value.get("task")
@@ -216,17 +208,8 @@ Rules = Annotated[SerializeAsAny[TaskRules], WrapValidator(_read_rules), _Schema
 RewardChoice = Mapping[str, float | str] | str
 """New weights of rewards by name, the name of a set of them, or a function as "module:name"."""
 
-SAFE_FACTORS: Mapping[str, float] = {"proximity": 5.0}
-"""Factors on weights that `safe` gives.
-
-`proximity` is the one term that is felt before a contact, in every step and in proportion to the
-depth: it teaches robots to keep clear. The terms of contacts teach them not to move where a contact
-threatens. `cards/studies/safe` and `safe-tasks` measure what they change.
-"""
-
-TEAM_WEIGHTS: Mapping[str, float] = {"team_share": 1.0}
-"""Weights that `team` gives: every robot has the mean reward of the team, so that what each of them
-contributes is not told."""
+SAFE_FACTOR = 5.0
+"""What `safe` multiplies the weight `proximity` by, the one term that is felt before a contact."""
 
 
 def chosen_weights(choice: RewardChoice, rules: TaskRules) -> dict[str, float | str]:
@@ -238,7 +221,7 @@ def chosen_weights(choice: RewardChoice, rules: TaskRules) -> dict[str, float | 
     if not isinstance(choice, str):
         return dict(choice)
     if choice == "team":
-        return dict(TEAM_WEIGHTS)
+        return {"team_share": 1.0}
     if choice != "safe":
         raise UnknownNameError("set of reward weights", choice, ("safe", "team"))
-    return {name: factor * getattr(rules.rewards, name) for name, factor in SAFE_FACTORS.items()}
+    return {"proximity": SAFE_FACTOR * rules.rewards.proximity}

@@ -15,8 +15,7 @@ Model = TypeVar("Model", bound=Frozen)
 class SensorNoise(Frozen):
     """Standard deviations of the Gaussian noise on each kind of measurement, anew in each step.
 
-    What is measured is noisy, and every feature is computed from that: see
-    `sensing.measured_world`.
+    Every feature is computed of noisy measurements (`sensing.measured_world`).
     """
 
     position: NonNegative = 0.0  # m, of the own position and of displacements, each component
@@ -29,8 +28,7 @@ class Drift(Frozen):
     """How fast the pose drifts that a robot reckons from its odometry: see `sensing.odometry`.
 
     Each rate is the standard deviation of a bias, which an episode draws for each robot, and that
-    of a random walk after one metre (or radian). The error of the bias grows with the distance,
-    that of the walk with its square root.
+    of a random walk after one metre (or radian).
     """
 
     position: NonNegative = 0.0  # m per metre driven
@@ -164,7 +162,7 @@ class Broadcast(Frozen):
     `max_age`.
 
     With payload `errand` each robot knows where the next one should go (the first is the next of
-    the last), and sends that with its pose. Receivers read it only if it is meant for them.
+    the last), and sends that with its pose; only that robot reads it.
     """
 
     later_fields: ClassVar[tuple[str, ...]] = ("max_age",)
@@ -181,7 +179,9 @@ class Broadcast(Frozen):
     delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
     messages_per_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # a robot can receive
     bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
-    slots_in_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # of time; see `comms`
+    slots_in_step: Annotated[int, Field(ge=1, le=10**12)] | None = (
+        None  # of time, in which messages collide
+    )
     max_age: Annotated[int, Field(ge=0, le=253)] | None = None  # steps; None: kept for ever
 
     @model_validator(mode="after")
@@ -198,12 +198,10 @@ AnyCommunicationModel = Annotated[NoCommunication | Broadcast, Field(discriminat
 
 
 def modified(own: Frozen, named: Model, name: str) -> Model:
-    """Returns a task's own model with what a name changes.
+    """Returns a task's own model with what a name changes, the set fields of `named`.
 
     Noise, drift, misses, losses and delays add to those of the task, as those of independent causes
-    do, so that a modifier of strength zero changes nothing. All other fields are set. Another kind
-    of sensor keeps what all kinds have (`ObservationModel`), not the fields of the task's kind. In
-    `named`, only the fields that the name gives are set.
+    do. Another kind of sensor keeps what all kinds have (`ObservationModel`).
 
     Raises:
         SpecError: the two do not go together.

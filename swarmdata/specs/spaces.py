@@ -1,7 +1,7 @@
 """Spaces of foreign environments as frozen data, and how their values become rows of numbers.
 
-The layout of a row is fixed by the space alone: a box gives its values in C order, a discrete
-space one column with the value, a dictionary its entries in the order of their sorted keys.
+A box gives its values in C order, a discrete space one column with the value, a dictionary its
+entries in the order of their sorted keys.
 """
 
 import math
@@ -126,9 +126,8 @@ def as_bytes(rows: Float, where: str) -> Counts:
 def to_float32(values: Any, where: str) -> Float:
     """Returns numbers as float32 of the same shape, without changing what they say.
 
-    Every array and number of others comes in through here. Numbers up to `LARGEST_EXACT_INTEGER`
-    are rounded as float32 rounds; larger ones, such as seconds since 1970, would lose whole units.
-    Errors call them `where`, such as "reward of agent_0".
+    Numbers up to `LARGEST_EXACT_INTEGER` are rounded; larger ones, such as seconds since 1970,
+    would lose whole units. Errors call them `where`, such as "reward of agent_0".
 
     Raises:
         SchemaError: they are no real numbers, are not finite in float32, or would be changed.
@@ -161,13 +160,13 @@ def _refuse(wrong: NDArray[np.bool_], array: NDArray[Any], what: str, expected: 
 
 
 def flatten(space: Space, value: Any, where: str, batch: tuple[int, ...] = ()) -> Float:
-    """Returns a value as a row of float32, [width(space)]; of several, [*batch, width(space)].
+    """Returns a value as a row of float32, [*batch, width(space)].
 
     Args:
         space: of the value.
         value: as the environment gives it; its arrays begin with the axes of `batch`.
         where: names the value in errors, such as "observation of adversary_0".
-        batch: axes of several values.
+        batch: axes of several values; none of one.
 
     Raises:
         SchemaError: the value is not of the space's structure or size, or float32 cannot hold it
@@ -185,9 +184,8 @@ def flatten(space: Space, value: Any, where: str, batch: tuple[int, ...] = ()) -
             if n_parts != len(space.spaces):
                 raise SchemaError(f"{where} has {n_parts} parts, expected {len(space.spaces)}")
             pairs = enumerate(zip(space.spaces, value, strict=True))
-            return _joined(
-                [flatten(each, v, f"{where}[{k}]", batch) for k, (each, v) in pairs], batch
-            )
+            parts = [flatten(each, v, f"{where}[{k}]", batch) for k, (each, v) in pairs]
+            return _joined(parts, batch)
     array = np.asarray(value)
     shape = (*batch, width(space))
     if array.size != math.prod(shape) or array.shape[: len(batch)] != batch:
@@ -199,15 +197,12 @@ def flatten(space: Space, value: Any, where: str, batch: tuple[int, ...] = ()) -
 
 
 def unflatten(space: Space, row: Float) -> Any:
-    """Returns the value of a row from `flatten`, in the environment's structure and dtypes.
-
-    Columns of the row beyond width(space) are padding.
-    """
+    """Returns the value of a row from `flatten`, maybe padded, in the environment's dtypes."""
     match space:
         case DictSpace() | TupleSpace():
             ends = accumulate(map(width, _parts(space)))
-            values = [unflatten(s, row[end - width(s) : end])
-                      for s, end in zip(_parts(space), ends, strict=True)]  # fmt: skip
+            pairs = zip(_parts(space), ends, strict=True)
+            values = [unflatten(s, row[end - width(s) : end]) for s, end in pairs]
             if isinstance(space, TupleSpace):
                 return tuple(values)
             return dict(zip(sorted(space.spaces), values, strict=True))
@@ -250,12 +245,7 @@ class Limits(NamedTuple):
         return wrong | (self.whole & (rows != np.round(rows)))
 
     def check(self, rows: Float, acting: NDArray[np.bool_], names: Sequence[Any]) -> None:
-        """Checks actions.
-
-        Args:
-            rows: actions, [..., N, most columns].
-            acting: whose they are, [..., N]; the others have zeros, whatever their space.
-            names: of the agents, N long.
+        """Checks actions [..., N, most columns] of N agents, of whom some act, [..., N].
 
         Raises:
             SchemaError: an action is not in its space.

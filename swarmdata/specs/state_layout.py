@@ -1,7 +1,4 @@
-"""The columns of a global state: robots, then movable bodies, then the task's own.
-
-Every task's state, float32 [S], starts with the N robots, `ROBOT` columns each. In tasks with
-movable bodies, `BODY` columns for each follow. The task names the remaining columns.
+"""The columns of a global state, float32 [S]: robots, then movable bodies, then the task's own.
 
 States are not exactly Markov: after a step with a contact they lack the memory of the solver, which
 moves robots by up to 4 mm in the next step, and by up to 31 mm where they press a payload
@@ -33,12 +30,9 @@ def pair(
 
     Their largest absolute values are `half`; `more` is the rest of the meaning, with punctuation.
     """
-    bounds = half or (None, None)
     return tuple(
-        Column(
-            f"{prefix}{axis}", f"{axis} of the {what}{more}", unit, bound and -bound, bound, "world"
-        )
-        for axis, bound in zip("xy", bounds, strict=True)
+        Column(f"{prefix}{c}", f"{c} of the {what}{more}", unit, most and -most, most, "world")
+        for c, most in zip("xy", half or (None, None), strict=True)
     )
 
 

@@ -50,8 +50,7 @@ BACKENDS: tuple[Backend, ...] = get_args(Backend)
 
 OneTask = TypeVar("OneTask", bound=TaskRules)
 
-ROW_SHAPES = "swarmdata.store.arrays.row_shapes:task_row_shapes"
-"""What gives the widths of a task's arrays: they follow from its code, which needs its spec."""
+ROW_SHAPES = "swarmdata.store.arrays.row_shapes:task_row_shapes"  # from a task's code
 
 
 def _simulated(version: int) -> int:
@@ -81,16 +80,11 @@ def _named(find: Callable[[str], Frozen]) -> BeforeValidator:
     return BeforeValidator(model_of)
 
 
-SURFACE_FRICTION = 0.2
-"""Coefficient of friction of walls, obstacles and payloads, and of robots that have no other."""
+SURFACE_FRICTION = 0.2  # of walls, obstacles and payloads, and of robots that have no other
 
 
 class Robot(Frozen):
-    """One kind of circular robot.
-
-    Its motors push with the force that accelerates 1 kg by `max_acceleration`: of a heavier robot,
-    they make less.
-    """
+    """One kind of circular robot; its motors accelerate 1 kg by `max_acceleration`."""
 
     later_fields: ClassVar[tuple[str, ...]] = (
         "command_delay", "actuator_lag", "mass", "friction", "wheel_grip", "base", "drive",
@@ -124,10 +118,8 @@ class Robot(Frozen):
                 "base wheels is two driven wheels and a caster, which cannot move in any direction "
                 "as dynamics holonomic does. Use dynamics unicycle"
             )
-        if self.drive == "differential" and (self.dynamics, self.command) != (
-            "unicycle",
-            "velocity",
-        ):
+        moves = self.dynamics, self.command
+        if self.drive == "differential" and moves != ("unicycle", "velocity"):
             raise ValueError(
                 "drive differential limits the speeds of two wheels, got dynamics "
                 f"{self.dynamics} and command {self.command}. Use unicycle and velocity"
@@ -139,9 +131,8 @@ class Robot(Frozen):
         """The p-norm of a command in units of its limits that is at most 1; None: each number.
 
         A longer command is scaled down to norm 1. Holonomic: p = 2, the length of a vector. With
-        drive differential: p = 1. A wheel at a distance of L / 2 from the centre has the speed
-        v +- w L / 2, so both keep to `max_speed` if |v| + |w| L / 2 does, and `max_turn_rate` is
-        that of a turn in place, 2 `max_speed` / L.
+        drive differential p = 1: a wheel at a distance of L / 2 from the centre has the speed
+        v +- w L / 2, and `max_turn_rate` is that of a turn in place, 2 `max_speed` / L.
         """
         if self.dynamics == "holonomic":
             return 2
@@ -173,9 +164,8 @@ class Arena(Frozen):
 class Obstacles(Frozen):
     """Numbers and sizes of the obstacles of each shape.
 
-    A corner is an L of two bars, a pocket a U of three; both are traps for a robot that drives
-    straight at its goal. Bounding circles stay `gap` apart from each other and from the walls, so
-    that every passage is passable and every layout solvable.
+    A corner is an L of two bars, a pocket a U of three. Bounding circles stay `gap` apart from each
+    other and from the walls, so that every passage is passable and every layout solvable.
     """
 
     circles: CountOrNone = 2  # number
@@ -281,7 +271,7 @@ class TaskSpec(Frozen):
 
     @property
     def world(self) -> "TaskSpec":
-        """Itself: it has all that a simulation needs."""
+        """Itself."""
         return self
 
     @property

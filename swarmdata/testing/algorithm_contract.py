@@ -1,10 +1,4 @@
-"""check_algorithm, the contract of every offline algorithm.
-
-    def test_contract():
-        swarmdata.check_algorithm(MyAlgorithm)
-
-Errors are AssertionErrors that say which promise was broken.
-"""
+"""check_algorithm, the contract of every offline algorithm."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
@@ -13,7 +7,14 @@ from typing import Any
 import numpy as np
 
 from swarmdata.interfaces import Algorithm, fields_of
-from swarmdata.testing.comparing import act_on, assert_equal_states, check_policies, values_of
+from swarmdata.testing.comparing import (
+    act_on,
+    assert_equal_states,
+    check_losses,
+    check_policies,
+    check_stacking,
+    values_of,
+)
 from swarmdata.testing.sample_batches import sample_batch, sample_setup, sample_step
 from swarmdata.types import Batch, Step
 
@@ -48,14 +49,21 @@ def check_algorithm(
         tolerance: largest difference of an action in that comparison.
         are_choices: whether actions are choices, whole numbers, and not numbers in [-1, 1]; `draw`
             must give such. A greedy choice seldom changes, so `step` needs some hundred copies.
+
+    Raises:
+        AssertionError: naming the broken promise.
     """
     build = _builder(algorithm, config) if isinstance(algorithm, type) else algorithm
     step = sample_step() if step is None else step
     draw = _declared_only(type(build(STACKED_SEEDS)), draw)
-    check_losses(build, draw)
-    check_policy_of_seed(build, draw, step, are_choices=are_choices)
-    check_resume(build, draw)
-    check_stacking(build, draw, step, n_updates, tolerance)
+    _check_updates(build, draw)
+    _check_policy_of_seed(build, draw, step, are_choices)
+    _check_resume(build, draw)
+
+    def trained(seeds: Sequence[int]) -> Algorithm:
+        return _train(build(seeds), draw, seeds, range(n_updates))
+
+    check_stacking(trained, STACKED_SEEDS, step, tolerance)
 
 
 def _declared_only(kind: type, draw: Draw) -> Draw:
@@ -76,7 +84,13 @@ def _builder(kind: Any, config: Any) -> Build:
     return build
 
 
-def check_losses(build: Build, draw: Draw) -> None:
+def _train(algorithm: Algorithm, draw: Draw, seeds: Sequence[int], updates: range) -> Algorithm:
+    for index in updates:
+        algorithm.update(draw(seeds, index))
+    return algorithm
+
+
+def _check_updates(build: Build, draw: Draw) -> None:
     """Losses are finite, one per seed, and updating does not write to the batch."""
     algorithm, batch = build(STACKED_SEEDS), draw(STACKED_SEEDS, 0)
     given = {f.name: getattr(batch, f.name) for f in fields(batch)}
@@ -84,19 +98,15 @@ def check_losses(build: Build, draw: Draw) -> None:
     for _ in range(3):
         losses = algorithm.update(batch)
         assert losses, "update returned no losses"
+        check_losses(losses, len(STACKED_SEEDS))
         for name, loss in losses.items():
-            values = values_of(loss)
-            assert values.shape == (len(STACKED_SEEDS),), f"loss {name!r} has shape {values.shape}"
-            assert np.isfinite(values).all(), f"loss {name!r} is {values}"
-            assert not loss.requires_grad, f"loss {name!r} keeps the graph alive"
+            assert np.isfinite(values_of(loss)).all(), f"loss {name!r} is {values_of(loss)}"
     for name, old in before.items():
         unchanged = np.array_equal(values_of(getattr(batch, name)), old)
         assert unchanged, f"update wrote to the batch's {name}"
 
 
-def check_policy_of_seed(
-    build: Build, draw: Draw, step: Step, *, are_choices: bool = False
-) -> None:
+def _check_policy_of_seed(build: Build, draw: Draw, step: Step, are_choices: bool) -> None:
     """Policies act in [-1, 1], copy by copy, and are snapshots; their actions are certain."""
     algorithm = build(STACKED_SEEDS)
     policy = algorithm.policy(0)
@@ -105,19 +115,17 @@ def check_policy_of_seed(
     shape = step.observations.shape[:2]
     assert log_probs.shape == shape, f"log_probs have shape {log_probs.shape}"
     assert not log_probs.any(), "a greedy policy's log-probabilities of its actions are not 0"
+    check_policies(
+        algorithm.policy,
+        lambda: _train(algorithm, draw, STACKED_SEEDS, range(4)),
+        step,
+        are_choices=are_choices,
+    )
 
-    def train() -> None:
-        for index in range(4):
-            algorithm.update(draw(STACKED_SEEDS, index))
 
-    check_policies(algorithm.policy, train, step, are_choices=are_choices)
-
-
-def check_resume(build: Build, draw: Draw) -> None:
+def _check_resume(build: Build, draw: Draw) -> None:
     """A state restored into a fresh algorithm continues bit for bit; a state is a snapshot."""
-    original = build(STACKED_SEEDS)
-    for index in range(5):
-        original.update(draw(STACKED_SEEDS, index))
+    original = _train(build(STACKED_SEEDS), draw, STACKED_SEEDS, range(5))
     saved = original.state_dict()
     for name, value in saved.items():
         kind = type(value).__name__
@@ -126,22 +134,7 @@ def check_resume(build: Build, draw: Draw) -> None:
     resumed = build([seed + 100 for seed in STACKED_SEEDS])
     resumed.load_state_dict(saved)
     for algorithm in (original, resumed):
-        for index in range(5, 10):
-            algorithm.update(draw(STACKED_SEEDS, index))
+        _train(algorithm, draw, STACKED_SEEDS, range(5, 10))
     assert_equal_states(saved, copies, "training wrote to a saved state")
     ours, theirs = original.state_dict(), resumed.state_dict()
     assert_equal_states(ours, theirs, "a resumed algorithm went another way")
-
-
-def check_stacking(build: Build, draw: Draw, step: Step, n_updates: int, tolerance: float) -> None:
-    """K stacked seeds end with the policies that K separate runs end with."""
-    stacked = build(STACKED_SEEDS)
-    for index in range(n_updates):
-        stacked.update(draw(STACKED_SEEDS, index))
-    for position, seed in enumerate(STACKED_SEEDS):
-        alone = build([seed])
-        for index in range(n_updates):
-            alone.update(draw([seed], index))
-        ours, theirs = (act_on(p, step) for p in (stacked.policy(position), alone.policy(0)))
-        gap = float(np.abs(ours - theirs).max())
-        assert gap <= tolerance, f"seed {seed} differs by {gap:.1e} when it is stacked"

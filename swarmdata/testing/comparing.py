@@ -1,6 +1,6 @@
-"""Comparisons that the contracts of algorithms share: policies, states, arrays and tensors."""
+"""Comparisons that the contracts of algorithms share: policies, losses, states, stacked seeds."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -29,20 +29,34 @@ def assert_equal_states(ours: Mapping[str, Any], theirs: Mapping[str, Any], brok
         assert np.array_equal(values_of(value), values_of(theirs[name])), f"{broken}: {name}"
 
 
+def check_losses(losses: Mapping[str, Any], n_seeds: int) -> None:
+    """Checks that there is one loss per seed, and none keeps the graph of its gradients."""
+    for name, loss in losses.items():
+        shape = values_of(loss).shape
+        assert shape == (n_seeds,), f"loss {name!r} has shape {shape}"
+        assert not getattr(loss, "requires_grad", False), f"loss {name!r} keeps the graph alive"
+
+
+def check_stacking(
+    trained: Callable[[Sequence[int]], Any], seeds: Sequence[int], step: Step, tolerance: float
+) -> None:
+    """Checks that K stacked seeds end with the policies that K separate runs end with."""
+    stacked = trained(seeds)
+    for position, seed in enumerate(seeds):
+        policies = stacked.policy(position), trained([seed]).policy(0)
+        ours, theirs = (act_on(policy, step) for policy in policies)
+        gap = float(np.abs(ours - theirs).max())
+        assert gap <= tolerance, f"seed {seed} differs by {gap:.1e} when it is stacked"
+
+
 def check_policies(
     policy_of: Callable[[int], Policy],
-    train: Callable[[], None],
+    train: Callable[[], object],
     step: Step,
     *,
     are_choices: bool = False,
 ) -> None:
-    """Checks that policies act in [-1, 1], copy by copy, always the same, and are snapshots.
-
-    Choices are whole numbers instead. The step has at least 2 copies.
-
-    Raises:
-        AssertionError: naming the broken promise.
-    """
+    """Checks that policies act in [-1, 1], or choose, copy by copy and again, and are snapshots."""
     policy = policy_of(0)
     actions, shape = act_on(policy, step), step.observations.shape[:2]
     assert actions.dtype == np.float32, f"actions have dtype {actions.dtype}"

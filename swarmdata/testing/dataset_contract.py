@@ -30,11 +30,7 @@ def check_dataset(path: Path | str) -> None:
 
 
 def check_table(dataset: Dataset) -> None:
-    """Checks seeds, stream order and splits.
-
-    Raises:
-        SchemaError: the first broken promise.
-    """
+    """Checks seeds, stream order and splits."""
     table = dataset.episodes
     _require(len(np.unique(table.seeds)) == len(table), "episode seeds repeat")
     _require(bool((table.seeds < EVALUATION_BASE).all()), "an evaluation seed is in the data")
@@ -46,18 +42,12 @@ def check_table(dataset: Dataset) -> None:
         expected = assign_splits(dataset.recipe, order)
         _require(np.array_equal(table.split, expected), "splits are not those of the rule")
     views = [dataset.filter(split=name).selection for name in SPLITS]
-    _require(
-        np.array_equal(np.sort(np.concatenate(views)), dataset.selection),
-        "splits do not partition the episodes",
-    )
+    is_partition = np.array_equal(np.sort(np.concatenate(views)), dataset.selection)
+    _require(is_partition, "splits do not partition the episodes")
 
 
 def check_episode(episode: Episode, table: EpisodeTable, index: int) -> None:
-    """Checks flags, values and the row of one episode.
-
-    Raises:
-        SchemaError: the first broken promise.
-    """
+    """Checks flags, values and the row of one episode."""
     where = f"episode {index}: "
     ended = episode.terminations | episode.truncations
     _require(bool(ended[-1]) and not ended[:-1].any(), where + "does not end once, at its end")
@@ -80,11 +70,7 @@ def check_episode(episode: Episode, table: EpisodeTable, index: int) -> None:
 
 
 def check_statistics(dataset: Dataset) -> None:
-    """Checks the moments against the train split, to a relative 1e-6, and what normalizes by them.
-
-    Raises:
-        SchemaError: they differ.
-    """
+    """Checks the moments against the train split, to 1e-6, and what normalizes by them."""
     episodes = list(dataset.split("train"))
     size = episodes[0].observations.shape[-1]
     observations = np.concatenate([e.observations.reshape(-1, size) for e in episodes])
@@ -97,10 +83,8 @@ def check_statistics(dataset: Dataset) -> None:
         ("reward_std", found.reward_std, rewards.std(dtype=np.float64)),
     )
     for name, got, expected in pairs:
-        _require(
-            bool(np.allclose(got, expected, rtol=1e-6, atol=1e-8)),
-            f"{name} is {got}, expected {expected} from the train split",
-        )
+        is_close = bool(np.allclose(got, expected, rtol=1e-6, atol=1e-8))
+        _require(is_close, f"{name} is {got}, expected {expected} from the train split")
     deviations = usable.observation_std
     _require(deviations.dtype == np.float32, f"observation_std has dtype {deviations.dtype}")
     _require(bool((deviations > 0).all()), "statistics have a deviation of 0")
@@ -109,11 +93,7 @@ def check_statistics(dataset: Dataset) -> None:
 
 
 def check_transitions(dataset: Dataset) -> None:
-    """Checks that transitions pair each observation with its successor in the same episode.
-
-    Raises:
-        SchemaError: a row is missing or crosses an episode.
-    """
+    """Checks that transitions pair each observation with its successor in the same episode."""
     transitions = dataset.transitions()
     _require(len(transitions["actions"]) == dataset.n_steps, "transitions are missing")
     first = 0

@@ -1,14 +1,10 @@
-"""The contract of a policy, as a suite that anyone can run on their own.
-
-    check_policy(policy, spec, make_env)
-
-raises an AssertionError that names the broken promise of `interfaces.Policy`.
-"""
+"""check_policy, the contract of every policy."""
 
 import pickle
 import random
 from collections.abc import Callable
 from dataclasses import fields
+from functools import partial
 
 import numpy as np
 
@@ -39,13 +35,13 @@ def check_policy(
     Raises:
         AssertionError: a promise is broken.
     """
-    check_actions(policy, spec, make_env, n_steps)
-    check_log_probs(policy, spec, make_env, n_steps)
-    check_batch_invariance(policy, spec, make_env, n_episodes)  # `check_sight` relies on it
-    check_sight(policy, spec, make_env, n_steps)
+    _check_actions(policy, spec, make_env, n_steps)
+    _check_log_probs(policy, spec, make_env, n_steps)
+    _check_batches(policy, spec, make_env, n_episodes)  # `_check_sight` relies on it
+    _check_sight(policy, spec, make_env, n_steps)
 
 
-def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
+def _check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
     """Actions are new arrays, finite and in range, and `act` has no side effects."""
     assert isinstance(policy, Policy), (
         f"{type(policy).__name__} lacks one of uses_state, reset(step, copies), act(step), "
@@ -55,13 +51,7 @@ def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: in
     env, step = _start(policy, spec, make_env)
     expected = env.n_copies, spec.n_agents, env.action_size
     for _ in range(n_steps):
-        before, generators = [field.copy() for field in step], _global_generators()
-        actions = policy.act(step)
-        assert _global_generators() == generators, (
-            "act drew from a global generator; use numerics.random.derive(step.seeds, step.times)"
-        )
-        for name, old, new in zip(Step._fields, before, step, strict=True):
-            assert np.array_equal(old, np.asarray(new)), f"act wrote to step.{name}"
+        actions = _without_traces(partial(policy.act, step), step, "act")
         assert actions.dtype == np.float32, f"actions are {actions.dtype}, not float32"
         assert actions.shape == expected, f"actions are {actions.shape}, not [E, N, A] {expected}"
         assert np.isfinite(actions).all(), "actions are not finite"
@@ -71,17 +61,15 @@ def check_actions(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: in
         assert np.array_equal(actions, kept), "the environment changed the actions"
 
 
-def check_log_probs(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
+def _check_log_probs(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
     """Log-probabilities of the policy's actions are finite, elementwise, pure and repeatable."""
     env, step = _start(policy, spec, make_env)
     expected = env.n_copies, spec.n_agents
     for _ in range(n_steps):
         actions = policy.act(step).copy()
-        kept, before, generators = actions.copy(), [f.copy() for f in step], _global_generators()
-        log_probs = policy.log_probs(step, actions).copy()
-        assert _global_generators() == generators, "log_probs drew from a global generator"
-        for name, old, new in zip(Step._fields, before, step, strict=True):
-            assert np.array_equal(old, np.asarray(new)), f"log_probs wrote to step.{name}"
+        kept = actions.copy()
+        compute = partial(policy.log_probs, step, actions)
+        log_probs = _without_traces(compute, step, "log_probs").copy()
         assert np.array_equal(actions, kept), "log_probs wrote to the actions"
         assert log_probs.dtype == np.float32, f"log_probs are {log_probs.dtype}, not float32"
         assert log_probs.shape == expected, (
@@ -100,24 +88,18 @@ def check_log_probs(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: 
         step = env.step(actions)
 
 
-def check_sight(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
-    """A policy that does not declare `uses_state` acts on observations alone.
-
-    Two runs, one with states, layouts and rewards hidden (NaN), must choose the same actions.
-    """
+def _check_sight(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int) -> None:
+    """A policy that does not declare `uses_state` acts the same where only observations show."""
     if policy.uses_state:
         return
-    actions = _actions(policy, spec, make_env, n_steps, hidden=False)
-    blind_actions = _actions(policy, spec, make_env, n_steps, hidden=True)
-    assert np.array_equal(actions, blind_actions), (
+    seeing, blind = (_actions(policy, spec, make_env, n_steps, hidden=h) for h in (False, True))
+    assert np.array_equal(seeing, blind), (
         "the actions depend on states, layouts or rewards, which robots do not see; "
         "use observations only, or declare uses_state = True"
     )
 
 
-def check_batch_invariance(
-    policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_episodes: int
-) -> None:
+def _check_batches(policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_episodes: int) -> None:
     """An episode is the same bits alone, in a batch, first, last, and when run again."""
     seeds = np.arange(FIRST_SEED, FIRST_SEED + n_episodes, dtype=np.uint64)
     alone = _episodes(policy, spec, make_env, seeds, 1)
@@ -132,25 +114,36 @@ def check_batch_invariance(
                 )
 
 
-def _start(policy: Policy, spec: TaskSpec, make_env: MakeEnv) -> tuple[VecEnv, Step]:
+def _start(
+    policy: Policy, spec: TaskSpec, make_env: MakeEnv, hidden: bool = False
+) -> tuple[VecEnv, Step]:
     env = make_env(spec, 3)
     step = env.reset(np.arange(FIRST_SEED, FIRST_SEED + 3, dtype=np.uint64))
-    policy.reset(step, np.arange(3))
+    policy.reset(_hide(step) if hidden else step, np.arange(3))
     return env, step
 
 
-def _global_generators() -> tuple[object, ...]:
-    """The states of Python's and NumPy's global generators, to compare."""
-    return random.getstate(), pickle.dumps(np.random.get_state())  # noqa: NPY002
+def _without_traces(compute: Callable[[], Float], step: Step, name: str) -> Float:
+    """Computes; checks that it left the step and the global generators as they were."""
+
+    def generators() -> tuple[object, ...]:
+        return random.getstate(), pickle.dumps(np.random.get_state())  # noqa: NPY002
+
+    before, drawn = [field.copy() for field in step], generators()
+    found = compute()
+    assert generators() == drawn, (
+        f"{name} drew from a global generator; use numerics.random.derive(step.seeds, step.times)"
+    )
+    for field, old, new in zip(Step._fields, before, step, strict=True):
+        assert np.array_equal(old, np.asarray(new)), f"{name} wrote to step.{field}"
+    return found
 
 
 def _actions(
     policy: Policy, spec: TaskSpec, make_env: MakeEnv, n_steps: int, *, hidden: bool
 ) -> Float:
     """Actions of three copies and their log-probabilities, [n_steps, E, N, A + 1]."""
-    env = make_env(spec, 3)
-    step = env.reset(np.arange(FIRST_SEED, FIRST_SEED + 3, dtype=np.uint64))
-    policy.reset(_hide(step) if hidden else step, np.arange(3))
+    env, step = _start(policy, spec, make_env, hidden)
     rows = []
     for _ in range(n_steps):
         shown = _hide(step) if hidden else step

@@ -1,12 +1,8 @@
-"""check_remote, the contract of every kind of remote, as a suite that anyone can run on their own.
-
-    check_remote(Shelf("shelf://place"), tmp_path)
-
-raises an AssertionError that names the broken promise of `hub.remotes.interface.Remote`.
-"""
+"""check_remote, the contract of every kind of remote."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 from swarmdata.errors import AbsentFileError, HubError, SwarmdataError, VersionTakenError
@@ -64,17 +60,15 @@ def check_absent(remote: Remote, dataset_id: str) -> None:
 
 def check_read_only(remote: Remote, dataset: Path) -> None:
     """A remote that cannot publish says so."""
-    problem = _error(lambda: remote.publish(dataset, FIRST_ID))
-    assert isinstance(problem, HubError), f"publish to a read only remote: {problem!r}, no HubError"
+    publish = partial(remote.publish, dataset, FIRST_ID)
+    _check_refused(publish, HubError, "publish to a read only remote")
     check_absent(remote, FIRST_ID)
 
 
 def check_publishing(remote: Remote, publisher: Remote, dataset: Path, beside: Path) -> Release:
     """A published dataset is found; one of another id than its manifest's is not published."""
-    problem = _error(lambda: publisher.publish(dataset, NEXT_ID))
-    assert isinstance(problem, SwarmdataError), (
-        f"publishing the files of {FIRST_ID} as {NEXT_ID}: {problem!r}, no error of swarmdata"
-    )
+    publish = partial(publisher.publish, dataset, NEXT_ID)
+    _check_refused(publish, SwarmdataError, f"publishing the files of {FIRST_ID} as {NEXT_ID}")
     check_absent(remote, NEXT_ID)
     published = publisher.publish(dataset, FIRST_ID, beside)
     assert published.id == FIRST_ID, f"publish gave a release of {published.id}, not {FIRST_ID}"
@@ -102,19 +96,19 @@ def check_reading(remote: Remote, release: Release, dataset: Path, out: Path) ->
         assert (out / str(number)).read_bytes() == (dataset / name).read_bytes(), (
             f"read gave other bytes of {name} than were published"
         )
-    missing = _error(lambda: remote.read(release, BESIDE, out / "beside", 100))
-    assert missing is None, f"reading {BESIDE}, published beside the dataset: {missing!r}"
+    try:
+        remote.read(release, BESIDE, out / "beside", 100)
+    except Exception as error:
+        raise AssertionError(
+            f"reading {BESIDE}, published beside the dataset: {error!r}"
+        ) from error
     assert (out / "beside").read_text() == "1,2\n", f"read gave other bytes of {BESIDE}"
-    absent = _error(lambda: remote.read(release, "nothing.txt", out / "x", 100))
-    assert isinstance(absent, AbsentFileError), (
-        f"reading a file that is not there: {absent!r}, no AbsentFileError"
-    )
+    absent = partial(remote.read, release, "nothing.txt", out / "x", 100)
+    _check_refused(absent, AbsentFileError, "reading a file that is not there")
     if isinstance(remote, RangeReader):
         check_ranges(remote, release, dataset, names)
-    too_large = _error(lambda: remote.read(release, MANIFEST, out / "x", 10))
-    assert isinstance(too_large, HubError), (
-        f"reading more bytes than are wanted: {too_large!r}, no HubError"
-    )
+    too_large = partial(remote.read, release, MANIFEST, out / "x", 10)
+    _check_refused(too_large, HubError, "reading more bytes than are wanted")
     assert not (out / "x").exists(), "a failed read left a file at `out`"
 
 
@@ -129,10 +123,8 @@ def check_ranges(
             assert remote.read_range(release, name, first, size) == whole[first : first + size], (
                 f"read_range({name!r}, {first}, {size}) gave other bytes than were published"
             )
-    absent = _error(lambda: remote.read_range(release, "nothing.txt", 0, 1))
-    assert isinstance(absent, AbsentFileError), (
-        f"reading a part of a file that is not there: {absent!r}, no AbsentFileError"
-    )
+    absent = partial(remote.read_range, release, "nothing.txt", 0, 1)
+    _check_refused(absent, AbsentFileError, "reading a part of a file that is not there")
 
 
 def check_published_stays(
@@ -142,10 +134,8 @@ def check_published_stays(
     again = publisher.publish(dataset, FIRST_ID)
     assert again.id == FIRST_ID, f"publishing the same again gave a release of {again.id}"
     assert remote.find(FIRST_ID) == release, "publishing the same files again changed the release"
-    problem = _error(lambda: publisher.publish(other, FIRST_ID))
-    assert isinstance(problem, VersionTakenError), (
-        f"publishing another dataset of a published id: {problem!r}, no VersionTakenError"
-    )
+    publish = partial(publisher.publish, other, FIRST_ID)
+    _check_refused(publish, VersionTakenError, "publishing another dataset of a published id")
     assert remote.find(FIRST_ID) == release, "a refused dataset changed the published release"
 
 
@@ -165,10 +155,11 @@ def check_versions(
             )
 
 
-def _error(act: Callable[[], object]) -> Exception | None:
-    """The error that an act raised, None if it raised none."""
+def _check_refused(act: Callable[[], object], kind: type[SwarmdataError], what: str) -> None:
+    """Checks that an act raises an error of a kind."""
     try:
         act()
     except Exception as error:  # whatever a remote of others raises is reported
-        return error
-    return None
+        assert isinstance(error, kind), f"{what}: {error!r}, no {kind.__name__}"  # noqa: PT017
+    else:
+        raise AssertionError(f"{what}: no {kind.__name__}")

@@ -54,6 +54,7 @@ def make_episode(
     end_reason = int(rng.integers(len(TASK_END_REASONS)))
     ends = np.arange(length) == length - 1
     horizon = END_REASONS[end_reason] == "horizon"
+    links = (length + 1, n_agents, n_agents if n_values else 0)
     return Episode(
         observations=observations,
         states=states,
@@ -64,10 +65,8 @@ def make_episode(
         truncations=ends & horizon,
         events=_make_events(rng, length, n_agents),
         sent=rng.standard_normal((length + 1, n_agents, n_values), dtype=np.float32),
-        delivered=rng.random((length + 1, n_agents, n_agents if n_values else 0)) < 0.5,
-        ages=rng.integers(
-            0, 256, (length + 1, n_agents, n_agents if n_values else 0), dtype=np.uint8
-        ),
+        delivered=rng.random(links) < 0.5,
+        ages=rng.integers(0, 256, links, dtype=np.uint8),
         layout=rng.standard_normal((n_obstacles, 8), dtype=np.float32),
         seed=seed,
         policy=policy,
@@ -92,14 +91,9 @@ def make_recipe(
         PolicySource(label=f"tag-{p}", name="random", share=p + 1.0) for p in range(n_policies)
     )
     return Recipe(
-        id="coop_nav-synthetic-v0",
-        tier="synthetic",
-        spec=spec,
-        policies=policies,
-        seed=seed,
-        n_steps=n_steps,
-        splits=Splits(block=block),
-    )
+        id="coop_nav-synthetic-v0", tier="synthetic", spec=spec, policies=policies, seed=seed,
+        n_steps=n_steps, splits=Splits(block=block),
+    )  # fmt: skip
 
 
 def make_streams(lengths: Sequence[Sequence[int]]) -> list[list[Episode]]:

@@ -1,4 +1,4 @@
-"""The contract that every task must keep, as one function that users can run on their own tasks."""
+"""check_task, the contract of every task."""
 
 from collections.abc import Callable
 from itertools import pairwise

@@ -16,41 +16,28 @@ from swarmdata.cli.main import app
 from tests.support.tiny import TINY
 
 FOLDERS = {
-    "card": ["nothing"],
-    "catalogue build": ["nothing"],
-    "combine": ["{tiny}", "--id", "coop_nav-some-v0"],
-    "convert": ["{plan}", "{out}", "--from", "d4rl", "--id", "coop_nav-some-v0"],
-    "evaluate": ["random", "--episodes", "1"],
-    "fetch": ["turtles", "--accept-terms", "--from", "nothing"],
-    "filter": ["{tiny}", "--id", "coop_nav-some-v0"],
-    "generate": ["coop_nav-random-mini"],
-    "import": ["nothing", "--map", "mrclam", "--id", "hall-monday-v0"],
-    "leaderboard submit": [
-        "nothing",
-        "--dataset",
-        "coop_nav-random",
-        "--name",
-        "a",
-        "--license",
-        "b",
-        "--code",
-        "c",
-        "--trials",
-        "1",
-        "--tuning-episodes",
-        "0",
-    ],
-    "pull": ["{shelf}/" + TINY.id],
-    "rank": ["nothing"],
-    "report": ["nothing"],
-    "ship": ["coop_nav"],
-    "study": ["{plan}"],
-    "subsample": ["{tiny}", "--id", "coop_nav-some-v0", "--steps", "100"],
-    "sweep": ["expert", "--observation", "noise=0..0.1"],
-    "task table": [],
-    "train": ["bc", "nothing"],
-    "train-online": ["mappo", "coop_nav"],
-    "tune": ["bc", "nothing"],
+    "card": "nothing",
+    "catalogue build": "nothing",
+    "combine": "{tiny} --id coop_nav-some-v0",
+    "convert": "{plan} {out} --from d4rl --id coop_nav-some-v0",
+    "evaluate": "random --episodes 1",
+    "fetch": "turtles --accept-terms --from nothing",
+    "filter": "{tiny} --id coop_nav-some-v0",
+    "generate": "coop_nav-random-mini",
+    "import": "nothing --map mrclam --id hall-monday-v0",
+    "leaderboard submit": "nothing --dataset coop_nav-random --name a --license b --code c "
+    "--trials 1 --tuning-episodes 0",
+    "pull": "{shelf}/" + TINY.id,
+    "rank": "nothing",
+    "report": "nothing",
+    "ship": "coop_nav",
+    "study": "{plan}",
+    "subsample": "{tiny} --id coop_nav-some-v0 --steps 100",
+    "sweep": "expert --observation noise=0..0.1",
+    "task table": "",
+    "train": "bc nothing",
+    "train-online": "mappo coop_nav",
+    "tune": "bc nothing",
 }
 """Arguments of the commands that write to a folder."""
 
@@ -63,16 +50,9 @@ WITH_TORCH = {"leaderboard submit", "rank", "ship", "study", "train", "train-onl
 """Commands that ask for torch before they look at folders."""
 
 PLANTED = {
-    "notes.txt": "mine",
-    "report.md": "mine",
-    "table.csv": "mine",
-    "losses.csv": "mine",
-    "curve.csv": "mine",
-    "ranking.json": "mine",
-    "sweep.csv": "mine",
-    "README.md": "mine",
+    **dict.fromkeys(("notes.txt", "report.md", "README.md", "results/notes.txt"), "mine"),
+    **dict.fromkeys(("table.csv", "losses.csv", "curve.csv", "sweep.csv", "ranking.json"), "mine"),
     ".git/HEAD": "ref: refs/heads/main",
-    "results/notes.txt": "mine",
     "data.zarr/zarr.json": "{}",
 }
 """A folder of somebody; some files have names that a command gives."""
@@ -127,7 +107,7 @@ def run(name: str, out: Path, tiny: Path, shelf: str, plan: Path) -> Result:
         pytest.importorskip("torch")
     plan.write_text("name: own\nalgorithms: [bc]\ndatasets: [coop_nav-nothing]\n")
     words = {"tiny": str(tiny), "shelf": shelf, "plan": str(plan), "out": str(out)}
-    arguments = [each.format(**words) for each in FOLDERS[name]]
+    arguments = [each.format(**words) for each in FOLDERS[name].split()]
     where = [] if name == "convert" else ["--out", str(out)]
     return RUNNER.invoke(app, [*name.split(), *arguments, *where])
 

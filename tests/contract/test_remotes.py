@@ -194,7 +194,7 @@ def having(**methods: Callable[..., object]) -> type[FolderRemote]:
             having(publish=lambda self, *files: FolderRemote.publish(self, *files[:2])),
             "published beside the dataset: AbsentFileError",
         ),
-        (ReadOnly, "no error of swarmdata"),
+        (ReadOnly, "no SwarmdataError"),
     ],
 )
 def test_a_broken_promise_is_named(

@@ -50,10 +50,6 @@ def result(dataset: swarmdata.Dataset) -> swarmdata.Result:
     return swarmdata.Result(evaluated(dataset), provenance(), dataset.task)
 
 
-def stream(dataset: swarmdata.Dataset) -> Any:
-    return swarmdata.Stream(window=3)
-
-
 def recorder(dataset: swarmdata.Dataset) -> Any:
     env = dataset.make_env(api="pettingzoo")
     return swarmdata.Recorder(
@@ -61,19 +57,11 @@ def recorder(dataset: swarmdata.Dataset) -> Any:
     )
 
 
-def info(dataset: swarmdata.Dataset) -> swarmdata.DatasetInfo:
-    return swarmdata.list_datasets()[0]
-
-
-def step(dataset: swarmdata.Dataset) -> swarmdata.Step:
-    return dataset.make_env(2).reset(np.arange(2, dtype=np.uint64))
-
-
 PUBLIC: dict[str, Callable[[swarmdata.Dataset], Any]] = {
     "Batch": lambda d: next(d.sampler(4, horizon=3)),
     "Choice": lambda d: swarmdata.Choice(("a", "b")),
     "Dataset": lambda d: d,
-    "DatasetInfo": info,
+    "DatasetInfo": lambda d: swarmdata.list_datasets()[0],
     "Episode": lambda d: d[0],
     "EvalResult": evaluated,
     "FunctionPolicy": lambda d: swarmdata.FunctionPolicy(lambda observations: observations),
@@ -85,8 +73,8 @@ PUBLIC: dict[str, Callable[[swarmdata.Dataset], Any]] = {
     "Recorder": recorder,
     "Reference": lambda d: swarmdata.Reference(no_skill=-3.0, expert=6.0),
     "Result": result,
-    "Step": step,
-    "Stream": stream,
+    "Step": lambda d: d.make_env(2).reset(np.arange(2, dtype=np.uint64)),
+    "Stream": lambda d: swarmdata.Stream(window=3),
     "SwarmdataError": lambda d: swarmdata.SwarmdataError("a sentence"),
     "TaskRules": lambda d: swarmdata.preset("search").rules,
     "TaskSpec": lambda d: d.task,

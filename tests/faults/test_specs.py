@@ -107,10 +107,7 @@ LONG = "9" * 5_000
 CYRILLIC_A = "\u0430"  # looks like a Latin one
 
 BOMBS = {
-    "an integer of 5,000 digits": (
-        f"horizon: {LONG}",
-        "line 1, column 10: horizon: a number of 50",
-    ),
+    "an integer of 5,000 digits": (f"horizon: {LONG}", "column 10: horizon: a number of 5000 ch"),
     "the same in JSON": (f'{{"horizon": {LONG}}}', "line 1, column 13: a number of 5000 char"),
     "an integer in base 60": ("horizon: " + "1:" * 60_000 + "1", "horizon: a number of 120001"),
     "a tag that lies": ("horizon: !!int abc", "line 1, column 10: horizon: 'abc' is no whole num"),
@@ -121,8 +118,8 @@ BOMBS = {
     "a mapping as a key": ("{a: 1}: 2", "a key that is a mapping or a list"),
     "a key given twice": ("horizon: 1\nhorizon: 2", "line 2, column 1: key 'horizon' is given tw"),
     "a nested key given twice": (
-        "rules: {task: coop_nav, rewards: {time: 1, time: 2}}",
-        "line 1, column 44: rules.rewards: key 'time' is given twice",
+        "rules: {rewards: {time: 1, time: 2}}",
+        "column 28: rules.rewards: key 'time' is given twi",
     ),
     "the same key twice in JSON": ('{"horizon": 1, "horizon": 2}', "key 'horizon' is given twice"),
     "lists in lists": ("[" * 100_000, "nested deeper than 32"),
@@ -156,36 +153,21 @@ BOMBS = {
 
 PRODUCTS = {
     "a million robots": ("team: [{count: 1000000}]", r"team: 1,000,000 robots.*[0-9.]+ TiB"),
-    "2^31 rays": (
-        "observation: {kind: lidar, n_rays: 2147483648}",
-        r"observation: .*[0-9.]+ [TG]iB",
-    ),
-    "cells": ("observation: {kind: occupancy, cells: 100000}", r"observation: .*[0-9.]+ [TP]iB"),
+    "2^31 rays": ("observation: {kind: lidar, n_rays: 2147483648}", r"observation: .* [TG]iB"),
+    "cells": ("observation: {kind: occupancy, cells: 100000}", r"observation: .* [TP]iB"),
     "neighbors": ("observation: {kind: bearing, n_neighbors: 1000000000}", "observation: .*iB"),
-    "a stack": (
-        "observation: {kind: state, stack: 100000}",
-        "observation.stack: 100,000 frames, at",
-    ),
-    "a sensor's delay": (
-        "observation: {kind: state, delay: 1000000}",
-        "observation.delay: 1,000,000",
-    ),
+    "a stack": ("observation: {kind: state, stack: 100000}", "observation.stack: 100,000 frames"),
+    "a sensor's delay": ("observation: {kind: state, delay: 1000000}", "delay: 1,000,000"),
     "the radio's delay": ("communication: {kind: broadcast, delay: 99999}", "communication.delay"),
     "a message": (
         "communication: {kind: broadcast, payload: learned, message_size: 99999999}",
         "observation: 300,0.* numbers for each robot",
     ),
     "obstacles": ("obstacles: {circles: 100000}", "obstacles: 100,004 of them"),
-    "shelves": (
-        "rules: {task: warehouse, aisles: 100000, blocks: 100000}",
-        "obstacles: 10,000,000,0",
-    ),
+    "shelves": ("rules: {task: warehouse, aisles: 100000, blocks: 100000}", "les: 10,000,000,0"),
     "bays": ("rules: {task: warehouse, bays: 100000000}", "rules: 600,000,004 places"),
     "a horizon": ("horizon: 1000000000", "horizon: 1,000,000,000 steps, at most 1,000,000"),
-    "physics steps": (
-        "{control_dt: 1000, physics_dt: 0.001}",
-        "physics_dt: 1,000,000 physics steps",
-    ),
+    "physics steps": ("{control_dt: 1000, physics_dt: 0.001}", "physics_dt: 1,000,000 phys"),
     "rays x frames x robots": (
         "{team: [{count: 256}], observation: {kind: lidar, n_rays: 1024, stack: 40}}",
         r"one copy of the world takes about [0-9.]+ [GM]iB.*256 robots.*1,024 rays x 40 frames",
@@ -203,10 +185,7 @@ PRODUCTS = {
         "obstacles: {circles: 1, boxes: 0, corners: 0, pockets: 0}}",
         "drawing a layout takes up to about .*max_att",
     ),
-    "attempts": (
-        "spawn: {max_attempts: 1000000000}",
-        "drawing a layout takes up to about .*max_att",
-    ),
+    "attempts": ("spawn: {max_attempts: 1000000000}", "takes up to about .*max_att"),
 }
 
 

@@ -1,24 +1,31 @@
 """Frames: turning the world turns what a policy sees by nothing, and its actions with it."""
 
 import math
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import swarmdata
 from swarmdata.errors import SpecError
 from swarmdata.perception.frames import HEARING_RANGE, Frame, find_frame, in_world, natural_anchor
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
+from swarmdata.specs.features import Feature
 from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.task_spec import Robot
 from swarmdata.types import Float
 
+
+def framed(features: Sequence[Feature], anchor: str, robots: Sequence[Robot] = ()) -> Frame:
+    frame = find_frame(features, anchor, robots)
+    assert frame is not None
+    return frame
+
+
 FEATURES = make_env(preset("coop_nav"), 1).features
-FRAME = find_frame(FEATURES, "target")
+FRAME = framed(FEATURES, "target")
 NAMES = [feature.name for feature in FEATURES]
 
 
@@ -46,7 +53,6 @@ def test_a_goal_that_is_hidden_turns_nothing() -> None:
 
 
 def test_the_kernel_computes_what_is_written_here() -> None:
-    assert FRAME is not None
     observations = some_observations()
     observations[0, 0, FRAME.anchor : FRAME.anchor + 2] = 0  # no direction
     ux, uy = FRAME.directions(observations)
@@ -67,7 +73,6 @@ def test_the_kernel_computes_what_is_written_here() -> None:
 
 
 def test_the_kernel_turns_commands_back_as_numpy_does() -> None:
-    assert FRAME is not None
     observations = some_observations()
     observations[0, 0, FRAME.anchor : FRAME.anchor + 2] = 0  # no direction
     actions = np.random.default_rng(0).uniform(-1, 1, (8, 4, 3))
@@ -88,8 +93,7 @@ def hearing(payload: str) -> tuple[Frame, list[str], Float]:
     step = env.reset(np.arange(8, dtype=np.uint64))
     for _ in range(5):
         step = env.step(np.full((8, 4, 2), 0.5, np.float32))
-    frame = find_frame(env.features, "target")
-    assert frame is not None
+    frame = framed(env.features, "target")
     return frame, [feature.name for feature in env.features], step.observations
 
 
@@ -145,7 +149,6 @@ def test_robots_turn_to_targets_and_unicycles_with_their_heading(
 @settings(deadline=None, max_examples=25)
 @given(st.floats(-math.pi, math.pi))
 def test_what_is_seen_does_not_turn_with_the_world(angle: float) -> None:
-    assert FRAME is not None
     observations = some_observations()
     size = observations.shape[-1]
     seen, again = FRAME.inputs(observations), FRAME.inputs(turned(observations, angle))
@@ -156,7 +159,6 @@ def test_what_is_seen_does_not_turn_with_the_world(angle: float) -> None:
 
 
 def test_actions_go_to_the_world_and_back() -> None:
-    assert FRAME is not None
     observations = some_observations()
     actions = np.random.default_rng(0).uniform(-1, 1, (8, 4, 2))
     there = FRAME.to_world(observations, actions)
@@ -167,11 +169,8 @@ def test_actions_go_to_the_world_and_back() -> None:
 
 def test_frames_are_found_by_name() -> None:
     assert find_frame(FEATURES, "world") is None
-    heading = find_frame(make_env(preset("formation"), 1).features, "reference.heading")
-    assert heading is not None
-    natural = find_frame(FEATURES, "auto")
-    assert natural is not None
-    assert natural == find_frame(FEATURES, "target")
+    assert find_frame(make_env(preset("formation"), 1).features, "reference.heading") is not None
+    assert find_frame(FEATURES, "auto") == FRAME
     lidar = with_models(preset("coop_nav"), "lidar", None)
     assert find_frame(make_env(lidar, 1).features, "auto") is None
     with pytest.raises(SpecError, match="payload_goal"):
@@ -189,10 +188,8 @@ def test_commands_of_unicycles_cannot_be_turned() -> None:
 def test_in_a_mixed_team_unicycles_turn_to_their_heading_and_others_to_the_anchor() -> None:
     env = make_env(preset("coop_nav-mixed"), 4)
     names = [feature.name for feature in env.features]
-    frame = find_frame(env.features, "target", env.spec.robots)
-    heading = find_frame(env.features, "own.heading", env.spec.robots)
-    assert frame is not None
-    assert heading is not None
+    frame = framed(env.features, "target", env.spec.robots)
+    heading = framed(env.features, "own.heading", env.spec.robots)
     observations = env.reset(np.arange(4, dtype=np.uint64)).observations
     is_rover = np.array([robot.dynamics == "unicycle" for robot in env.spec.robots])
     seen = frame.inputs(observations)
@@ -215,8 +212,7 @@ def test_in_a_mixed_team_unicycles_turn_to_their_heading_and_others_to_the_ancho
 
 def test_unicycles_that_observe_in_their_own_frame_see_the_same_in_that_of_their_heading() -> None:
     env = make_env(with_models(preset("intersection"), "body-frame"), 1)
-    frame = find_frame(env.features, "auto")
-    assert frame is not None
+    frame = framed(env.features, "auto")
     observations = env.reset(np.arange(1, dtype=np.uint64)).observations
     seen = frame.inputs(observations)[..., : len(env.features)]
     np.testing.assert_array_equal(seen, observations)
@@ -224,8 +220,7 @@ def test_unicycles_that_observe_in_their_own_frame_see_the_same_in_that_of_their
 
 def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands() -> None:
     env = make_env(preset("intersection"), 4)
-    frame = find_frame(env.features, "own.heading")
-    assert frame is not None
+    frame = framed(env.features, "own.heading")
     assert not frame.turns(4).any()
     observations = env.reset(np.arange(4, dtype=np.uint64)).observations
     names = [feature.name for feature in env.features]
@@ -255,21 +250,3 @@ def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands(
 )
 def test_a_frame_knows_the_observations_it_fits(frame: Frame, fits: bool) -> None:
     assert frame.fits(10) is fits
-
-
-def test_a_turned_batch_is_what_robots_see_and_do(tiny: Path) -> None:
-    """The reward and the state are nobody's view, and stay."""
-    dataset = swarmdata.Dataset.open(tiny, verify="none")
-    frame = swarmdata.frame_of(dataset.spec)
-    assert frame is not None
-    batch = next(dataset.sampler(16, seed=3))
-    turned = frame.turned(batch)
-    assert np.array_equal(turned.observations, frame.inputs(batch.observations))
-    assert np.array_equal(turned.next_observations, frame.inputs(batch.next_observations))
-    back = frame.to_world(batch.observations, turned.actions)
-    shortened = np.maximum(1.0, np.linalg.norm(batch.actions, axis=-1, keepdims=True))
-    np.testing.assert_allclose(back, batch.actions / shortened, atol=1e-6)
-    assert turned.states is batch.states
-    assert turned.rewards is batch.rewards
-    assert frame.turned(replace(batch, next_actions=None)).next_actions is None
-    assert swarmdata.frame_of(dataset.spec, "world") is None

@@ -15,7 +15,6 @@ from swarmdata.specs.budget import (
     demand_of,
     describe_demand,
     in_bytes,
-    size_of,
 )
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
@@ -42,7 +41,7 @@ from tests.support.pairs import slow
 )
 def test_a_copy_takes_no_more_memory_than_estimated(changes: dict[str, Any]) -> None:
     spec = TaskSpec.parse(changes)
-    estimate = demand_of(spec, size_of(spec), spec.n_substeps).copy_bytes
+    estimate = demand_of(spec).copy_bytes
     _drive(spec)  # kernels are loaded once
     tracemalloc.start()
     _drive(spec)
@@ -61,8 +60,7 @@ def _drive(spec: TaskSpec) -> None:
 
 def test_copies_are_bounded_together() -> None:
     spec = TaskSpec.parse({"observation": {"kind": "lidar", "n_rays": 1024, "stack": 16}})
-    one = demand_of(spec, size_of(spec), spec.n_substeps).copy_bytes
-    most = int(MAX_TOTAL_BYTES / one)
+    most = int(MAX_TOTAL_BYTES / demand_of(spec).copy_bytes)
     assert copies_excess(spec, most) is None
     for n in (0, -1, most + 1, 10**9):
         with pytest.raises(SpecError, match=f"expected from 1 to {most:,} copies"):
@@ -83,7 +81,7 @@ def test_a_part_of_a_dataset_fits_into_memory() -> None:
 
 def test_every_preset_is_far_below_the_limits() -> None:
     for name in preset_names():
-        demand = demand_of(preset(name), size_of(preset(name)), preset(name).n_substeps)
+        demand = demand_of(preset(name))
         assert demand.copy_bytes < 4e6
         assert demand.episode_bytes < 1e7
         assert demand.step_seconds < 1e-3

@@ -54,12 +54,7 @@ def test_yaml_and_json_give_the_same_spec_and_hash(spec: TaskSpec) -> None:
     for text in (spec.to_yaml(), spec.to_json()):
         again = TaskSpec.from_text(text)
         assert again == spec
-        assert again.hash() == spec.hash()
-
-
-@given(spec=specs())
-def test_any_change_changes_the_hash(spec: TaskSpec) -> None:
-    assert spec.with_updates(horizon=spec.horizon + 1).hash() != spec.hash()
+        assert again.hash() == spec.hash() != spec.with_updates(horizon=spec.horizon + 1).hash()
 
 
 def test_equal_specs_have_one_text_whatever_the_sign_of_a_zero() -> None:
@@ -86,58 +81,56 @@ def test_the_hash_of_the_default_is_stable() -> None:
 
 
 @pytest.mark.parametrize(
-    ("data", "message"),
+    ("text", "message"),
     [
         (
-            {"rules": {"task": "coop_nav", "rewards": {"progres": 1}}},
+            "rules: {task: coop_nav, rewards: {progres: 1}}",
             r"rewards.progres: unknown key. Did you mean 'progress'\?",
         ),
         (
-            {"rules": {"task": "formaton"}},
+            "rules: {task: formaton}",
             r"rules.task: unknown 'formaton'. Did you mean 'formation'\? Known: coop_nav",
         ),
         (
-            {"observation": {"kind": "lidar", "n_ray": 3}},
+            "observation: {kind: lidar, n_ray: 3}",
             r"observation.lidar.n_ray: unknown key. Did you mean 'n_rays'",
         ),
-        ({"horizn": 1}, r"horizn: unknown key. Did you mean 'horizon'\?"),
+        ("horizn: 1", r"horizn: unknown key. Did you mean 'horizon'\?"),
         (
-            {"team": [{"robot": {"radiuss": 1}}]},
+            "team: [{robot: {radiuss: 1}}]",
             r"team.0.robot.radiuss: unknown key. Did you mean 'radius'",
         ),
-        ({"team": [{"count": 0}]}, r"team.0.count: .*at least 1 \(got 0\)"),
-        ({"control_dt": 0.05}, "at least 2 whole multiples of physics_dt, got 1"),
-        ({"rules": {"task": "coop_nav", "goal_radius": float("nan")}}, "goal_radius"),
+        ("team: [{count: 0}]", r"team.0.count: .*at least 1 \(got 0\)"),
+        ("control_dt: 0.05", "at least 2 whole multiples of physics_dt, got 1"),
         (
-            {"horizon": 0, "rules": {"task": "coop_nav", "rewards": {"time": -1}}},
+            "{horizon: 0, rules: {task: coop_nav, rewards: {time: -1}}}",
             "rules.coop_nav.rewards.time: .*; horizon: ",
         ),
         (
-            {"observation": {"kind": "lidar", "range": 1e-20}},
+            "observation: {kind: lidar, range: 1.0e-20}",
             "observation.lidar.range: 1e-20 is too small, expected at least 1e-12",
         ),
-        ({"horizon": "x"}, "horizon: expected a whole number"),
-        ({"on_collision": "stop"}, "on_collision: expected 'continue' or 'fail'"),
-        ({"team": []}, "team: expected at least 1 of them, got 0"),
-        ({"communication": {"drop": 1}}, "communication: it has no key 'kind'"),
-        ({"observation": {"kind": "lidar", "landmarks": 1.0}}, r"observation\.drift is 0"),
+        ("horizon: x", "horizon: expected a whole number"),
+        ("on_collision: stop", "on_collision: expected 'continue' or 'fail'"),
+        ("team: []", "team: expected at least 1 of them, got 0"),
+        ("communication: {drop: 1}", "communication: it has no key 'kind'"),
+        ("observation: {kind: lidar, landmarks: 1.0}", r"observation\.drift is 0"),
         (
-            {
-                "observation": {"kind": "state", "goal_steps": 5},
-                "communication": {"kind": "broadcast", "payload": "pose_and_goal"},
-            },
+            "{observation: {kind: state, goal_steps: 5}, "
+            "communication: {kind: broadcast, payload: pose_and_goal}}",
             "pose_and_goal sends the goal that",
         ),
+        ("horizon: 1\nhorizon: 2\n", "'horizon' is given twice"),
     ],
 )
-def test_errors_name_the_path(data: dict[str, object], message: str) -> None:
+def test_errors_name_the_path(text: str, message: str) -> None:
     with pytest.raises(SpecError, match=message):
-        TaskSpec.parse(data)
+        TaskSpec.from_text(text)
 
 
-def test_a_key_given_twice_is_refused() -> None:
-    with pytest.raises(SpecError, match="'horizon' is given twice"):
-        TaskSpec.from_text("horizon: 1\nhorizon: 2\n")
+def test_a_number_that_is_none_is_refused() -> None:
+    with pytest.raises(SpecError, match="goal_radius"):
+        TaskSpec.parse({"rules": {"task": "coop_nav", "goal_radius": float("nan")}})
 
 
 def test_recipe_labels_are_unique_and_ids_well_formed() -> None:
@@ -170,11 +163,8 @@ def test_a_message_stays_readable_however_much_is_wrong() -> None:
 
 def test_only_models_that_hide_or_forget_say_so_and_older_specs_keep_their_hashes() -> None:
     plain = TaskSpec.parse({"communication": {"kind": "broadcast"}})
-    assert "goal_steps" not in plain.to_json()
-    assert "velocities" not in plain.to_json()
-    for field in ("ways", "drift", "landmarks", "frame"):
-        assert field not in plain.to_json()
-    assert "max_age" not in plain.to_json()
+    later = ("goal_steps", "velocities", "ways", "drift", "landmarks", "frame", "max_age")
+    assert not [field for field in later if field in plain.to_json()]
     for observation, communication in (
         ({"goal_steps": 0}, {}),
         ({"velocities": False}, {}),

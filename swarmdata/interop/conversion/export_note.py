@@ -21,9 +21,8 @@ from swarmdata.interop.conversion.imported_data import ImportedData, build_episo
 from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import AnySpec
-from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.plain_names import Sha256
-from swarmdata.specs.recipe import PolicySource
+from swarmdata.specs.recipe import Id, PolicySource
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS, Episode, Float
 

@@ -28,8 +28,8 @@ from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.runtime.regular_files import check_regular
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.plain_names import Sha256, Text
+from swarmdata.specs.recipe import Id
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.manifest import FileEntry, read_manifest
 

@@ -101,13 +101,7 @@ def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
     """Removes from `taken` the messages that a receiver does not decode; `limit` remain.
 
     The links of a receiver, in sender order, take turns: in step t those from number t * limit on,
-    cyclically.
-
-    Args:
-        taken: all links before, changed, [N, N].
-        t: the step.
-        limit: 0 for none.
-        linked: written, all links, [N, N].
+    cyclically. A limit of 0 is none. All links are copied to `linked` first, [N, N].
     """
     n = linked.shape[0]
     for i in range(n):

@@ -1,13 +1,9 @@
-"""Messages: their columns, their quantiser, and their features in a receiver's observation.
-
-Arithmetic as in `geometry`.
-"""
+"""Messages: their columns, their quantiser, and their features in a receiver's observation."""
 
 import math
 
 import numpy as np
 
-from swarmdata.errors import SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, leading_to_places, numbered, vector
 from swarmdata.specs.sensing_models import Broadcast
@@ -59,29 +55,11 @@ TRAILER_FEATURES = (
     Feature("mask", "flag", "", "1 if anything was ever received from this sender"),
     Feature("sender", "flag", "", "index of the sender / (robots - 1)"),
 )
-"""The features after the message in a slot: its age over `AGE_LIMIT`, at most 1; 1 if there is a
-message; the index of the sender over N - 1."""
-
-
-def broadcast_of(spec: TaskSpec) -> Broadcast:
-    """Returns the communication model of a spec.
-
-    Raises:
-        SpecError: the spec has no communication.
-    """
-    if not isinstance(spec.communication, Broadcast):
-        raise SpecError(
-            f"a channel needs communication of kind 'broadcast', got {spec.communication.kind!r} "
-            "in the spec. Set TaskSpec.communication, or build no channel."
-        )
-    return spec.communication
+"""The features after the message in a slot."""
 
 
 def message_fields(model: Broadcast) -> tuple[Feature, ...]:
-    """Returns the P features of one message in a receiver's observation.
-
-    Positions are relative to the receiver's current position.
-    """
+    """Returns the P features of one message in a receiver's observation."""
     if model.payload == "learned":
         return tuple(
             Feature(f"value_{c}", "flag", "", "value of a learned message")
@@ -100,13 +78,12 @@ def slot_features(model: Broadcast, n_agents: int) -> tuple[Feature, ...]:
     return numbered("message", n_agents - 1, (*message_fields(model), age, mask, sender))
 
 
-def quantizer(spec: TaskSpec) -> tuple[Double, Double]:
+def quantizer(model: Broadcast, spec: TaskSpec) -> tuple[Double, Double]:
     """Returns lower ends [N, P] and cell widths [N, P] of each sender's uniform quantiser.
 
     The range of a position is the arena, of a velocity the sender's top speed both ways, of a
     direction or a learned value [-1, 1]. Without `bits` the width is 0: values are not quantised.
     """
-    model = broadcast_of(spec)
     spans = np.array([_half_spans(model, speed, spec) for speed in spec.largest("max_speed")])
     n_cells = 0 if model.bits is None else 1 << model.bits
     return -spans, 2.0 * spans / n_cells if n_cells else np.zeros_like(spans)
@@ -123,14 +100,7 @@ def _half_spans(model: Broadcast, speed: float, spec: TaskSpec) -> list[float]:
 
 @kernel(inline="always")
 def quantize(value: float, low: float, width: float, n_cells: int) -> float:
-    """The middle of the cell that holds the value, or of the outermost cell if none does.
-
-    Args:
-        value: to be sent.
-        low: lower end of the range.
-        width: of one cell.
-        n_cells: number of cells.
-    """
+    """The middle of the cell that holds the value, or of the outermost one; cells begin at low."""
     cell = math.floor(min(max((value - low) / width, 0.0), n_cells - 1.0))
     return low + (cell + 0.5) * width
 

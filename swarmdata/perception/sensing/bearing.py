@@ -11,7 +11,7 @@ import numpy as np
 
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.numerics.sight import crosses_circle, crosses_shape
-from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.measured_world import Sense, World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
@@ -32,8 +32,6 @@ NEIGHBOR_FEATURES = (
     *vector("bearing", "direction", "cosine and sine of its bearing"),
     Feature("mask", "flag", "", "1 if the slot holds a visible robot; nearest first"),
 )
-"""Distance between centres (1 = the model's range); cosine and sine of the bearing."""
-
 _SLOT_WIDTH = len(NEIGHBOR_FEATURES)
 
 
@@ -51,33 +49,29 @@ class BearingConstants(NamedTuple):
 BEARING_CONSTANTS = bundle_type(BearingConstants)
 
 
-class Bearing:
-    """Own velocity, the target in polar form, and the nearest visible neighbours.
+def bearing_sense(model: BearingModel, scene: Scene) -> Sense:
+    """Features: `POLAR_FEATURES`, then a slot of `NEIGHBOR_FEATURES` for each visible neighbour.
 
-    Features: `POLAR_FEATURES`, then a slot of `NEIGHBOR_FEATURES` for each neighbour, nearest
-    centre first, as measured. A slot without a neighbour is zero.
+    The nearest centre is first, as measured; a slot without a neighbour is zero.
     """
+    slots = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
+    constants = BearingConstants(
+        radii=scene.radii,
+        ranges=np.minimum(scene.ranges, model.range),
+        bodies=scene.bodies,
+        n_slots=model.n_neighbors,
+        span=model.range,
+        diagonal=scene.diagonal,
+    )
+    block = ArgumentBlock(constants, BEARING_CONSTANTS)
 
-    def __init__(self, model: BearingModel, scene: Scene) -> None:
-        slots = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
-        self.features = (*POLAR_FEATURES, *slots)
-        self.echoes = NO_ECHOES
-        constants = BearingConstants(
-            radii=scene.radii,
-            ranges=np.minimum(scene.ranges, model.range),
-            bodies=scene.bodies,
-            n_slots=model.n_neighbors,
-            span=model.range,
-            diagonal=scene.diagonal,
-        )
-        self._constants = ArgumentBlock(constants, BEARING_CONSTANTS)
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
+    def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_bearings(
-            self._constants.packed, world.true_states, world.true_layouts, world.states,
-            robots.start, robots.stop, active, out,
+            block.packed, world.true_states, world.true_layouts, world.states, robots.start,
+            robots.stop, active, out,
         )  # fmt: skip
+
+    return Sense((*POLAR_FEATURES, *slots), NO_ECHOES, sense)
 
 
 @kernel

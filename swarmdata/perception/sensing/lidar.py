@@ -1,12 +1,8 @@
 """The `lidar` model: a range scan with hit types in the body's frame, and the target in polar form.
 
-Directions of the rays are constants of the body's frame, so every object is brought into that
-frame once, and the innermost loop runs over rays in float32. `+ - * /` and `sqrt` are correctly
-rounded in float32 too, and nothing is contracted or reordered, so the bits do not depend on the
-platform or on how many rays the processor handles at once.
-
-A block of rays has a constant number of lanes and one scratch array: only then does the compiler
-vectorise its loops.
+Every object is brought into the body's frame once, and the innermost loops run over a block of rays
+in float32, of constant size and with one scratch array: only then are they vectorised. The bits are
+the same everywhere, since nothing is contracted or reordered.
 """
 
 import math
@@ -15,7 +11,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.numerics.geometry import CIRCLE, bar_box
-from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.measured_world import Sense, World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
@@ -58,41 +54,37 @@ class LidarConstants(NamedTuple):
 LIDAR_CONSTANTS = bundle_type(LidarConstants)
 
 
-class Lidar:
-    """Scans a scene.
+def lidar_sense(model: LidarModel, scene: Scene) -> Sense:
+    """Features: `POLAR_FEATURES`, then for each beam its distance and a flag for each hit type.
 
-    Features: `POLAR_FEATURES`, then for each beam its distance (1 = the model's range, and also if
-    nothing is within the robot's range) and one flag for each of `HIT_CHANNELS`. The first beam
-    points along the heading, the others follow counter-clockwise.
+    The distance is 1 at the model's range, and if nothing is within the robot's range. The first
+    beam points along the heading, the others follow counter-clockwise.
     """
+    channels = HIT_CHANNELS if len(scene.bodies) else HIT_CHANNELS[:3]
+    beam = (
+        Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
+        *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
+    )
+    features = (*POLAR_FEATURES, *numbered("beam", model.n_rays, beam))
+    constants = LidarConstants(
+        radii=scene.radii,
+        ranges=scene.ranges,
+        half=scene.half,
+        bodies=scene.bodies,
+        rays=ray_blocks(model.n_rays),
+        n_rays=model.n_rays,
+        span=model.range,
+        diagonal=scene.diagonal,
+    )
+    block = ArgumentBlock(constants, LIDAR_CONSTANTS)
 
-    def __init__(self, model: LidarModel, scene: Scene) -> None:
-        channels = HIT_CHANNELS if len(scene.bodies) else HIT_CHANNELS[:3]
-        beam = (
-            Feature("distance", "range", "", "of the first hit / range of the model; 1: no hit"),
-            *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
-        )
-        beams = numbered("beam", model.n_rays, beam)
-        self.features = (*POLAR_FEATURES, *beams)
-        self.echoes = echoes_of(self.features)
-        constants = LidarConstants(
-            radii=scene.radii,
-            ranges=scene.ranges,
-            half=scene.half,
-            bodies=scene.bodies,
-            rays=ray_blocks(model.n_rays),
-            n_rays=model.n_rays,
-            span=model.range,
-            diagonal=scene.diagonal,
-        )
-        self._constants = ArgumentBlock(constants, LIDAR_CONSTANTS)
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
+    def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         scan(
-            self._constants.packed, world.true_states, world.true_layouts, world.states,
-            robots.start, robots.stop, active, out,
+            block.packed, world.true_states, world.true_layouts, world.states, robots.start,
+            robots.stop, active, out,
         )  # fmt: skip
+
+    return Sense(features, echoes_of(features), sense)
 
 
 def ray_blocks(n_rays: int) -> Float:
@@ -114,10 +106,7 @@ def ray_blocks(n_rays: int) -> Float:
 
 @kernel(error_model="numpy")
 def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
-    """Reciprocals of every ray's components in a frame whose x axis is (ax, ay).
-
-    A component below 1e-9 counts as 1e-9: a ray that is parallel to an edge meets it out of reach.
-    """
+    """Reciprocals of every ray's components, at least 1e-9, in a frame whose x axis is (ax, ay)."""
     for k in range(N_LANES):
         c, s = lanes[_COS + k], lanes[_SIN + k]
         x, y = c * ax + s * ay, s * ax - c * ay
@@ -127,15 +116,7 @@ def _invert(lanes: Float, ax: np.float32, ay: np.float32) -> None:
 
 @kernel(error_model="numpy")
 def _start(lanes: Float, rays: Float, robot: Float, half: Double, reach: np.float32) -> None:
-    """Starts the scan of a block: the wall that each ray meets, or nothing within `reach`.
-
-    Args:
-        lanes: scratch, written, [6 * N_LANES].
-        rays: of the block, [2, N_LANES].
-        robot: one robot's state, columns `state_layout.ROBOT`.
-        half: half width and half height of the arena, m, [2].
-        reach: m.
-    """
+    """Starts the scan of a block: the wall that each ray meets, or nothing within `reach`."""
     for k in range(N_LANES):
         lanes[_COS + k] = rays[0, k]
         lanes[_SIN + k] = rays[1, k]

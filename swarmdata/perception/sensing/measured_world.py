@@ -1,29 +1,13 @@
 """The world as each robot measures it: its own pose, and the objects around it.
 
-Noise and losses act here, before features are computed. Every feature is then the same function of
-the measured world as of the true one, so no feature reveals what the noise on another hides.
-
-Measurements:
-
-- a robot's own position, velocity and heading. Points that the task gives in the world's frame
-  (targets, goals, references, maps) are known exactly; their distances are as uncertain as the
-  robot's own position. With `drift`, all three are what its odometry says (`odometry`);
-- of every other robot, movable body and obstacle: the displacement from the robot, the relative
-  velocity, the direction of its axis. In `bearing`, other robots by range and bearing.
-
-Robots that localise (`state` in the world's frame) measure displacements in the world's frame. All
-others measure them in the body's frame, where an error of their own heading does not turn them.
-With drift, everybody measures from the body: what is told in the world's frame is turned by as much
-as the heading that the robot believes in, and what is told in the body's is not.
-
-All draws are functions of the episode's seed, the step, the robot that measures and the measured
-object; the order of slots plays no part.
-
-Draws whose deviation is zero are made too: a branch around each would keep the compiler from
-vectorising the loops, and cost four times as much.
+Every feature is the same function of the measured world as of the true one, so that none reveals
+what the noise on another hides. Measured are a robot's own position, velocity and heading, and the
+displacement, relative velocity and axis of every other object, in `bearing` by range and bearing.
+Draws whose deviation is zero are made too: branches would keep loops from being vectorised.
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -36,6 +20,7 @@ from swarmdata.numerics.random_kernels import absorb, to_normal, to_uniform
 from swarmdata.perception.sensing.odometry import Odometry
 from swarmdata.perception.sensing.sensed_scene import N_BODY, Scene
 from swarmdata.runtime.kernels import kernel
+from swarmdata.specs.features import Feature
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
@@ -80,6 +65,15 @@ class World(NamedTuple):
     poses: Float  # [E, >= 8 N] robots as measured, without drift: where walls are seen from
 
 
+class Sense(NamedTuple):
+    """One kind of observation model in one scene."""
+
+    features: tuple[Feature, ...]
+    echoes: Int  # first feature of each beam or cell, and one past its last, [R, 2]
+    sense: Callable[[World, range, Bool, Float], None]
+    """Writes `features` of some robots of the active copies, [E, N, F]."""
+
+
 class MeasuredWorld:
     """Measures the world for one robot after the other."""
 
@@ -115,10 +109,9 @@ class MeasuredWorld:
         self._odometry.forget(copies)
 
     def localise(self, step: Step, active: Bool) -> Float:
-        """Returns the measurements of the active copies' robots of themselves, [E, 8 N].
+        """Returns what the active copies' robots measure of themselves, columns `ROBOT`, [E, 8 N].
 
-        Columns are those of `ROBOT`. The next call overwrites the array. Call it once for every
-        step of an episode, from its beginning.
+        Call it once for every step of an episode. The next call overwrites the array.
         """
         localise(
             step.states, step.seeds, step.times, active, self._survey, normal_table(), self._known
@@ -164,11 +157,7 @@ def _row(body: Double) -> Double:
 
 @kernel(inline="always")
 def _turn(bits: np.uint64, std: float, table: Double) -> tuple[float, float]:
-    """Cosine and sine of a random angle 2 atan(std z / 2), about std z for small angles.
-
-    The rational parametrisation of the circle: a rotation without a trigonometric function, whose
-    bits would depend on the platform.
-    """
+    """Cosine and sine of a random angle 2 atan(std z / 2), about std z; rational, for its bits."""
     half = 0.5 * std * to_normal(absorb(bits, _TURN), table)
     square = half * half
     return (1.0 - square) / (1.0 + square), 2.0 * half / (1.0 + square)
@@ -239,10 +228,7 @@ def _see_body(
     table: Double,  # quantiles of the normal distribution
     measured: Float,  # [E, S] written
 ) -> None:
-    """Writes position, velocity and axis of a robot or body as robot `me` measures them.
-
-    The first six columns of `ROBOT` and of `BODY` are the same.
-    """
+    """Writes the first six columns of a robot or body as robot `me` measures them."""
     hc, hs = heading
     dx = np.float64(states[b, at + X]) - np.float64(states[b, me + X])
     dy = np.float64(states[b, at + Y]) - np.float64(states[b, me + Y])

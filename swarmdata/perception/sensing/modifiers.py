@@ -1,9 +1,6 @@
-"""Frame modifiers: echo loss and noise, delay, frame stacking.
+"""Frame modifiers: delay, stacking, and noise and losses of echoes.
 
-An *echo* is one beam of a lidar, or one cell of a grid: an independent measurement with its own
-noise and losses. Noise and losses of whole objects are in `measured_world`.
-
-Noise and losses are functions of the episode's seed and the step in which a frame is sensed.
+An echo is one beam of a lidar or one cell of a grid; `measured_world` has those of whole objects.
 """
 
 import itertools
@@ -30,11 +27,7 @@ NO_ECHOES = np.zeros((0, 2), dtype=np.int64)
 
 
 def echoes_of(features: Sequence[Feature]) -> Int:
-    """Returns the first feature of each numbered group with a flag, and one past its last, [R, 2].
-
-    The features `beam_3.distance`, `beam_3.robot`, ... belong to one echo: they share a numbered
-    prefix and have flags that tell whether anything was hit.
-    """
+    """Returns the first feature of each echo, such as `beam_3`, and one past its last, [R, 2]."""
     found, first = [], 0
     for prefix, run in itertools.groupby(features, _numbered_prefix):
         group = list(run)
@@ -45,9 +38,7 @@ def echoes_of(features: Sequence[Feature]) -> Int:
 
 
 class Echoes:
-    """Adds noise to the distances of echoes and loses some echoes; their features are in [0, 1].
-
-    A lost cell reads 0, a lost beam reads like one that hits nothing: distance 1, no hit.
+    """Adds noise to the distances of echoes, in [0, 1]; a lost echo reads as if it hit nothing.
 
     Args:
         features: of a model's kind.

@@ -1,7 +1,4 @@
-"""The `occupancy` model: a coarse grid in the body's frame, and the target in polar form.
-
-Arithmetic as in `geometry`.
-"""
+"""The `occupancy` model: a coarse grid in the body's frame, and the target in polar form."""
 
 import math
 from typing import Annotated, NamedTuple
@@ -9,7 +6,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.numerics.geometry import nearest
-from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.measured_world import Sense, World
 from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
@@ -55,39 +52,37 @@ class OccupancyConstants(NamedTuple):
 OCCUPANCY_CONSTANTS = bundle_type(OccupancyConstants)
 
 
-class Occupancy:
-    """The contents of the cells around a robot.
+def occupancy_sense(model: OccupancyModel, scene: Scene) -> Sense:
+    """The contents of the cells around a robot, as measured.
 
     Features: `POLAR_FEATURES`, then the flags `CELL_CHANNELS` of each cell. Cell `row * cells +
     column` has its centre at ((row - m) * size, (column - m) * size) in the body's frame, m =
     (cells - 1) / 2: rows go forward, columns to the left. `robot`: the centre is in another robot's
     disc, inflated by half a cell; `static`: it is within half a cell of an obstacle, or outside the
     arena; `payload`: it is within half a cell of a movable body. Cells beyond the robot's sensor
-    range are zero. The grid follows the measured positions of the robot and the bodies.
+    range are zero.
     """
+    channels = CELL_CHANNELS if len(scene.bodies) else CELL_CHANNELS[:2]
+    flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
+    features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
+    constants = OccupancyConstants(
+        radii=scene.radii,
+        ranges=scene.ranges,
+        half=scene.half,
+        bodies=scene.bodies,
+        n_cells=model.cells,
+        cell_size=model.cell_size,
+        diagonal=scene.diagonal,
+    )
+    block = ArgumentBlock(constants, OCCUPANCY_CONSTANTS)
 
-    def __init__(self, model: OccupancyModel, scene: Scene) -> None:
-        channels = CELL_CHANNELS if len(scene.bodies) else CELL_CHANNELS[:2]
-        flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
-        self.features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
-        self.echoes = echoes_of(self.features)
-        constants = OccupancyConstants(
-            radii=scene.radii,
-            ranges=scene.ranges,
-            half=scene.half,
-            bodies=scene.bodies,
-            n_cells=model.cells,
-            cell_size=model.cell_size,
-            diagonal=scene.diagonal,
-        )
-        self._constants = ArgumentBlock(constants, OCCUPANCY_CONSTANTS)
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
+    def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_grids(
-            self._constants.packed, world.states, world.layouts, world.poses, robots.start,
-            robots.stop, active, out,
+            block.packed, world.states, world.layouts, world.poses, robots.start, robots.stop,
+            active, out,
         )  # fmt: skip
+
+    return Sense(features, echoes_of(features), sense)
 
 
 @kernel

@@ -7,16 +7,9 @@ With rates p, h and t of position, heading and turning, a step of d metres and a
     measured displacement = (1 + p B0) true one + p sqrt(d) (W0, W1)
     measured turn         = a + h B1 d + t B2 a + sqrt(h^2 d + t^2 |a|) W2
 
-B are normal draws of the episode and the robot, its bias; W are normal draws of the step, a random
-walk whose variance grows with the distance. After one metre, both have the same deviation. Errors
-of turns accumulate in the heading, along which displacements are added.
-
-A holonomic robot has a compass: its commands are vectors in the world's frame, so that its heading
-does not drift. All robots know their pose again wherever a landmark is in range: the corners and
-the middle of the arena.
-
-Turns are taken as their sines, and a heading is turned by 2 atan(a / 2): no function whose bits
-depend on the platform is used.
+B are normal draws of the episode and the robot, W of the step. The heading of a holonomic robot
+does not drift, and no pose is wrong where a landmark is in range: the corners and the middle of the
+arena. Turns are taken as their sines, and a heading is turned by 2 atan(a / 2), for the bits.
 """
 
 import math
@@ -79,12 +72,7 @@ class Odometry:
     def advance(self, step: Step, active: Bool, known: Float) -> None:
         """Takes a step of the active copies, and adds its errors to what robots know of themselves.
 
-        Call it once for every step of an episode, from its beginning.
-
-        Args:
-            step: its states, seeds and times are read.
-            active: [E].
-            known: the robots' measurements of themselves without drift, changed, [E, 8 N].
+        Call it once for every step of an episode. `known` is without drift before, [E, 8 N].
         """
         reckon(
             step.states, step.seeds, step.times, active, self._rates, normal_table(), self._begun,

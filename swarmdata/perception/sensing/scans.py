@@ -8,14 +8,11 @@ import numpy as np
 from swarmdata.specs.features import Feature
 from swarmdata.types import Float
 
-_BEAM_DISTANCE = re.compile(r"beam_(\d+)\.distance")
-"""Matches the newest frame only: the names of older ones end with their age."""
+_BEAM_DISTANCE = re.compile(r"beam_(\d+)\.distance")  # not of older frames: they end with an age
 
 
 def scan_of(features: Sequence[Feature], observations: Float) -> Float | None:
     """Returns the distances that the robots' beams measured, as shares of the lidar's range.
-
-    They include noise, losses and delay: pictures show what the robots measured.
 
     Args:
         features: of one robot's observation, O.

@@ -18,18 +18,15 @@ N_BODY = len(BODY)
 TARGET_NEAR = 0.01
 """Distance (m) within which a target has no bearing."""
 
+_DISTANCE_MEANING = "distance of the target / diagonal of the arena"
+_BEARING_MEANING = "cosine and sine of the target's bearing; (0, 0) within 1 cm of it"
+
 POLAR_FEATURES = (
     *vector("own.v", "velocity", "own velocity"),
     *telling_goals(
         (
-            Feature(
-                "target.distance", "range", "", "distance of the target / diagonal of the arena"
-            ),
-            *vector(
-                "target.bearing",
-                "direction",
-                "cosine and sine of the target's bearing; (0, 0) within 1 cm of it",
-            ),
+            Feature("target.distance", "range", "", _DISTANCE_MEANING),
+            *vector("target.bearing", "direction", _BEARING_MEANING),
         )
     ),
 )
@@ -99,14 +96,7 @@ def gather(
 
 @kernel
 def write_polar(out: Float, state: Float, i: int, diagonal: float) -> None:
-    """Writes `POLAR` of robot i into out[:5].
-
-    Args:
-        out: written, one robot's observation, [>= 5].
-        state: one copy's state, [S].
-        i: index of the robot.
-        diagonal: of the arena, m.
-    """
+    """Writes `POLAR_FEATURES` of robot i of a state [S] into out[:5]; the arena's diagonal in m."""
     at = N_COLUMNS * i
     ux, uy = float(state[at + UX]), float(state[at + UY])
     vx, vy = float(state[at + VX]), float(state[at + VY])

@@ -1,19 +1,17 @@
 """Sensor: the observations of the robots of a task, by the model that the spec names."""
 
 from collections.abc import Sequence
-from typing import Protocol
 
 import numpy as np
 
-from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing.bearing import Bearing
-from swarmdata.perception.sensing.lidar import Lidar
-from swarmdata.perception.sensing.measured_world import MeasuredWorld, World
+from swarmdata.perception.sensing.bearing import bearing_sense
+from swarmdata.perception.sensing.lidar import lidar_sense
+from swarmdata.perception.sensing.measured_world import MeasuredWorld, Sense, World
 from swarmdata.perception.sensing.modifiers import Echoes, History
-from swarmdata.perception.sensing.occupancy import Occupancy
+from swarmdata.perception.sensing.occupancy import occupancy_sense
 from swarmdata.perception.sensing.sensed_scene import Scene
-from swarmdata.perception.sensing.state import HEADING_FEATURES, PLACE_FEATURES, State
+from swarmdata.perception.sensing.state import HEADING_FEATURES, PLACE_FEATURES, state_sense
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, shown_for, stacked
 from swarmdata.specs.sensing_models import (
@@ -28,24 +26,12 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
 
 
-class Sense(Protocol):
-    """One kind of observation model in one scene."""
-
-    features: tuple[Feature, ...]
-    echoes: Int  # first feature of each beam or cell, and one past its last, [R, 2]
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
-        ...
-
-
 class Sensor:
     """Writes observations: a function of an episode's seed, layout and states up to the step.
 
-    A frame holds the features of the model's kind and those of the task, in the same frame of
-    reference, all computed from the world as each robot measured it. Noise and losses of single
-    beams and cells, hiding of the goal, leaving out of velocities, delay and stacking follow; in
-    teams with several roles the robot's role is last.
+    A frame holds the features of the model's kind and those of the task, computed from the world as
+    each robot measured it. Noise and losses of beams and cells, hiding of the goal, leaving out of
+    velocities, delay and stacking follow; in teams with several roles the robot's role is last.
 
     Attributes:
         features: of one robot's observation, O. In a stack the names of older frames end with
@@ -105,15 +91,7 @@ class Sensor:
             The robots' measurements of themselves, columns `ROBOT` first, [E, >= 8 N], with the
             noise and delay of their sensors: what they can tell others. The next call overwrites
             them.
-
-        Raises:
-            SchemaError: `out` does not have one column for each of `features`.
         """
-        if out.shape[-1] != len(self.features):
-            raise SchemaError(
-                f"an array for observations has {out.shape[-1]} columns, expected "
-                f"{len(self.features)}. Allocate it with the sensor's features."
-            )
         n_roles = self._roles.shape[1]
         frames = out[..., :-n_roles] if n_roles else out
         frame = frames if self._history is None else self._frame
@@ -174,13 +152,10 @@ class Sensor:
 def _turned_pairs(
     model: ObservationModel, kind: Sequence[Feature], extra: Sequence[Feature]
 ) -> Int:
-    """Columns of the x components that are sensed in the world's frame, and shown in the body's.
-
-    What the models of other kinds than `state` sense is in the body's frame already.
-    """
+    """Columns of the x components that are sensed in the world's frame, and shown in the body's."""
     if not model.in_body_frame:
         return np.zeros(0, dtype=np.int64)
-    first = 0 if isinstance(model, StateModel) else len(kind)
+    first = 0 if isinstance(model, StateModel) else len(kind)  # the others sense in the body's
     frame = (*kind, *extra)
     pairs = [k for k in range(first, len(frame)) if frame[k].axis == "x"]
     return np.array(pairs, dtype=np.int64)
@@ -207,13 +182,13 @@ def _role_feature(role: str) -> Feature:
 def _sense(model: ObservationModel, scene: Scene) -> Sense:
     match model:
         case StateModel():
-            return State(model, scene)
+            return state_sense(model, scene)
         case LidarModel():
-            return Lidar(model, scene)
+            return lidar_sense(model, scene)
         case BearingModel():
-            return Bearing(model, scene)
+            return bearing_sense(model, scene)
         case OccupancyModel():
-            return Occupancy(model, scene)
+            return occupancy_sense(model, scene)
     raise TypeError(f"no sensor for a {type(model).__name__}: add one to sensing.sensor")
 
 
@@ -226,15 +201,7 @@ def _role_codes(spec: TaskSpec) -> Float:
 
 @kernel
 def hide_columns(times: Int, n_steps: int, columns: Int, active: Bool, frame: Float) -> None:
-    """Sets columns to 0 from step `n_steps` of an episode on.
-
-    Args:
-        times: control steps since the reset, [E].
-        n_steps: steps that show the columns.
-        columns: to hide, [C].
-        active: copies to change, [E].
-        frame: changed, [E, N, F].
-    """
+    """Sets columns of a frame [E, N, F] to 0 from step `n_steps` of an episode on."""
     for b in range(frame.shape[0]):
         if not active[b] or times[b] < n_steps:
             continue
@@ -245,14 +212,7 @@ def hide_columns(times: Int, n_steps: int, columns: Int, active: Bool, frame: Fl
 
 @kernel
 def turn(states: Float, pairs: Int, active: Bool, frame: Float) -> None:
-    """Rotates vectors from the world's frame into each robot's body frame, in place.
-
-    Args:
-        states: [E, S].
-        pairs: columns of x components; y follows each, [P].
-        active: copies to rotate, [E].
-        frame: changed, [E, N, F].
-    """
+    """Rotates vectors, x at `pairs` [P], from the world's frame into robots' frames, in place."""
     for b in range(frame.shape[0]):
         if not active[b]:
             continue

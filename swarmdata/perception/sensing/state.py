@@ -1,7 +1,4 @@
-"""The `state` model: low-dimensional features in the world's frame, for robots that localise.
-
-Arithmetic as in `geometry`.
-"""
+"""The `state` model: low-dimensional features in the world's frame, for robots that localise."""
 
 import math
 from typing import Annotated, NamedTuple
@@ -9,7 +6,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from swarmdata.numerics.geometry import bounding_radius, nearest_of, nearest_of_shape
-from swarmdata.perception.sensing.measured_world import World
+from swarmdata.perception.sensing.measured_world import Sense, World
 from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import Scene
 from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
@@ -69,8 +66,7 @@ GOAL_NEAR = 0.3
 """Distance (m) below which the goal direction shrinks linearly to zero."""
 
 _FIRST_TEST_SLACK = 1e-4
-"""Share, and metres, by which a first, cheap test is too wide, so that rounding to float32 never
-excludes an obstacle that the exact test would keep."""
+"""Share, and metres, by which a first, cheap test is too wide, so that it keeps all that count."""
 
 _OWN, _NEIGHBOR, _OBSTACLE = len(OWN_FEATURES), len(NEIGHBOR_FEATURES), len(OBSTACLE_FEATURES)
 
@@ -89,39 +85,32 @@ class StateConstants(NamedTuple):
 STATE_CONSTANTS = bundle_type(StateConstants)
 
 
-class State:
+def state_sense(model: StateModel, scene: Scene) -> Sense:
     """Self, nearest robots and nearest obstacles, in the world's frame, as measured.
-
-    `Sensor` turns them into the body's frame.
 
     Features: `OWN_FEATURES`, `HEADING_FEATURES` in teams with a unicycle, then the slots of
     `NEIGHBOR_FEATURES` and of `OBSTACLE_FEATURES`, nearest surface first. A slot without an object
     is zero.
     """
+    own = OWN_FEATURES + (HEADING_FEATURES if scene.has_headings else ())
+    near = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
+    around = numbered("obstacle", model.n_obstacles, OBSTACLE_FEATURES)
+    constants = StateConstants(
+        radii=scene.radii,
+        limits=np.minimum(scene.ranges, np.inf if model.limit is None else model.limit),
+        n_own=len(own),
+        n_neighbors=model.n_neighbors,
+        n_obstacles=model.n_obstacles,
+        reach=model.range,
+    )
+    block = ArgumentBlock(constants, STATE_CONSTANTS)
 
-    def __init__(self, model: StateModel, scene: Scene) -> None:
-        own = OWN_FEATURES + (HEADING_FEATURES if scene.has_headings else ())
-        near = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
-        around = numbered("obstacle", model.n_obstacles, OBSTACLE_FEATURES)
-        self.features = own + near + around
-        limit = np.inf if model.limit is None else model.limit
-        self.echoes = NO_ECHOES
-        constants = StateConstants(
-            radii=scene.radii,
-            limits=np.minimum(scene.ranges, limit),
-            n_own=len(own),
-            n_neighbors=model.n_neighbors,
-            n_obstacles=model.n_obstacles,
-            reach=model.range,
-        )
-        self._constants = ArgumentBlock(constants, STATE_CONSTANTS)
-
-    def sense(self, world: World, robots: range, active: Bool, out: Float) -> None:
-        """Writes `features` of some robots of the active copies, [E, N, F]."""
+    def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_states(
-            self._constants.packed, world.states, world.layouts, robots.start, robots.stop, active,
-            out,
-        )  # fmt: skip
+            block.packed, world.states, world.layouts, robots.start, robots.stop, active, out
+        )
+
+    return Sense(own + near + around, NO_ECHOES, sense)
 
 
 @kernel(inline="always")

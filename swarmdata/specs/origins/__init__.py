@@ -1,8 +1,6 @@
 """Where datasets come from and what was recorded in them; `origin_kinds` and `spec_kinds` list all.
 
-To add a kind of origin, write a class that keeps the protocol `Origin`, in a file of its own, and
-add a row to `ORIGIN_KINDS`. Everything else asks the protocol: the store, cards, audits, exports.
-A kind's module is imported when data of the kind are read.
+The store, cards, audits and exports ask the protocol `Origin`, which every kind keeps.
 """
 
 from swarmdata.specs.origins.origin_kinds import (

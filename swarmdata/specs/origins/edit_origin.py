@@ -5,10 +5,9 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.origins.spec_kinds import AnySpec
 from swarmdata.specs.plain_names import Label, Sha256, Text
-from swarmdata.specs.recipe import Policies
+from swarmdata.specs.recipe import Id, Policies
 
 EpisodeNumber = Annotated[int, Field(ge=0, lt=1 << 40)]
 
@@ -18,9 +17,7 @@ class Parent(Frozen):
 
     id: Id
     digest: Sha256
-    episodes: Annotated[
-        tuple[EpisodeNumber, ...], Field(min_length=1)
-    ]  # stored numbers, increasing
+    episodes: Annotated[tuple[EpisodeNumber, ...], Field(min_length=1)]  # stored, increasing
 
 
 class Edit(Frozen):
@@ -46,10 +43,8 @@ class Edit(Frozen):
 
     @property
     def source(self) -> str:
-        """The operation."""
         return self.operation
 
     @property
     def about_tier(self) -> str:
-        """What the card says of the tier."""
         return f"Made from other datasets, its parents (below), by: {self.operation}."

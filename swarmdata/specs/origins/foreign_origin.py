@@ -1,8 +1,4 @@
-"""ForeignOrigin, what a dataset comes from where another package defines a part of that.
-
-The dataset's arrays and episodes can be read all the same; whatever needs the part says which
-package to install.
-"""
+"""ForeignOrigin, of a dataset of which another package defines a part that is not installed."""
 
 import hashlib
 import json
@@ -35,7 +31,7 @@ Shapes = Mapping[str, tuple[int, ...]]
 class ForeignOrigin:
     """The content of a `recipe.json` that nothing installed here can read.
 
-    Its spec is that of a recording with the shapes of the arrays. Keeps the protocol `Origin`.
+    It keeps the protocol `Origin`; its spec is that of a recording with the shapes of the arrays.
     """
 
     text: str
@@ -57,42 +53,31 @@ class ForeignOrigin:
 
     @property
     def source(self) -> str:
-        """What it needs."""
         return self.missing
 
     @property
     def remaking(self) -> str:
-        """What it needs, for a card."""
         return f"This dataset needs {self.missing}."
 
     @property
     def about_tier(self) -> str:
-        """The same."""
         return self.remaking
 
     def hash(self) -> str:
-        """SHA-256 of the text, hex."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
     def to_json(self) -> str:
-        """The text as it was read."""
         return self.text
 
     def to_yaml(self) -> str:
-        """The same content as readable YAML."""
         return yaml.safe_dump(json.loads(self.text), sort_keys=False)
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None) -> Self:
-        """A copy with some fields replaced."""
         return replace(self, **(update or {}))
 
     @classmethod
     def parse(cls, data: Any, source: str = "") -> Self:
-        """Always raises: `foreign_origin` reads one, which takes the arrays' shapes.
-
-        Raises:
-            SpecError: always.
-        """
+        # `foreign_origin` reads one
         raise SpecError(f"{source} cannot be read without the shapes of its arrays")
 
 
@@ -161,15 +146,12 @@ def _spec_of(spec: Any, shapes: Shapes) -> RecordedSpec:
     n_agents, n_observed = shapes["observations"][1:3]
     names = _agent_names(found.get("team"))
     names = names if len(names) == n_agents else [f"agent_{i}" for i in range(n_agents)]
-    bound = 1.0 if isinstance(rules, Mapping) else None  # actions of a task are commands
-    low = None if bound is None else -bound
-    action = BoxSpace(shape=shapes["actions"][2:], dtype="float32", low=low, high=bound)
+    low, high = (-1.0, 1.0) if isinstance(rules, Mapping) else (None, None)  # commands of a task
+    action = BoxSpace(shape=shapes["actions"][2:], dtype="float32", low=low, high=high)
     observation = BoxSpace(shape=(n_observed,), dtype="float32")
     data = {
         "task": re.sub(r"[^a-z0-9_]+", "_", str(name or "unknown").lower())[:96],
-        "agents": [
-            RecordedAgent(name=each, observation=observation, action=action) for each in names
-        ],
+        "agents": [RecordedAgent(name=n, observation=observation, action=action) for n in names],
         "state_size": shapes["states"][1],
         "state_from": "environment",
         "horizon": found.get("horizon"),

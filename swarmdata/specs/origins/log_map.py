@@ -4,11 +4,7 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, model_validator
 
 from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Label, Name, Text, repeated

@@ -6,10 +6,9 @@ from pydantic import Field
 
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins.log_map import LogMap
-from swarmdata.specs.origins.recording_origin import Id
 from swarmdata.specs.origins.spec_kinds import AnySpec
 from swarmdata.specs.plain_names import Label, Name, Sha256, Text
-from swarmdata.specs.recipe import Policies, SplitRule, Splits
+from swarmdata.specs.recipe import Id, Policies, Seed, SplitRule, Splits
 
 
 class LogFile(Frozen):
@@ -45,7 +44,7 @@ class ImportedLogs(Frozen):
     tier: Label = "logged"
     spec: AnySpec
     policies: Policies
-    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
+    seed: Seed = 0  # of the splits
     splits: Splits = Splits.defaults()
     files: Annotated[tuple[LogFile, ...], Field(min_length=1)]
     log_map: LogMap
@@ -54,19 +53,16 @@ class ImportedLogs(Frozen):
 
     @property
     def split_rule(self) -> SplitRule:
-        """The rule that splits its episodes."""
         return SplitRule(self.splits, self.seed)
 
     @property
     def source(self) -> str:
-        """The logs, with their digests."""
         return "logs of robots, " + ", ".join(
             f"{file.name} (SHA-256 {file.sha256})" for file in self.files
         )
 
     @property
     def remaking(self) -> str:
-        """How the same logs give it again."""
         return (
             "The same logs give this dataset again, with the same digest: "
             "`swarmdata import LOG... --map recipe.json --out FOLDER`, with the file beside this "
@@ -75,12 +71,10 @@ class ImportedLogs(Frozen):
 
     @property
     def license(self) -> str:
-        """The one its author gave it."""
         return self.metadata.get("license", "unknown")
 
     @property
     def about_tier(self) -> str:
-        """What the card says of the tier."""
         text = (
             f"Logged by robots and resampled to steps of {self.log_map.dt:g} s: positions "
             "linearly, headings on the circle, each command held until the next. "

@@ -26,10 +26,7 @@ class Origin(Document, Protocol):
     @property
     def spec(self) -> Spec: ...  # what was recorded
     @property
-    def policies(self) -> tuple[PolicySource, ...]:
-        """The policies that made the episodes; `episodes/policy` has their indices."""
-        ...
-
+    def policies(self) -> tuple[PolicySource, ...]: ...  # `episodes/policy` has their indices
     @property
     def recipe(self) -> Recipe | None:
         """The recipe that generates the dataset bit for bit, None where no recipe does.
@@ -39,10 +36,7 @@ class Origin(Document, Protocol):
         ...
 
     @property
-    def can_rebuild(self) -> bool:
-        """Whether this package makes lost files again, by a recipe or from parents."""
-        ...
-
+    def can_rebuild(self) -> bool: ...  # whether lost files are made again, by recipe or parents
     @property
     def missing(self) -> str | None:
         """What it names and nothing installed here defines, and what to do; None: nothing."""
@@ -51,49 +45,28 @@ class Origin(Document, Protocol):
     @property
     def parents(self) -> "tuple[Parent, ...]": ...  # the datasets that it was made from, if any
     @property
-    def split_rule(self) -> SplitRule | None:
-        """The rule that splits its episodes, None where they keep the splits of their source."""
-        ...
-
+    def split_rule(self) -> SplitRule | None: ...  # None: episodes keep the splits of their source
     @property
-    def has_world_seeds(self) -> bool:
-        """Whether it claims that each episode's seed gives the world that the episode was in."""
-        ...
-
+    def has_world_seeds(self) -> bool: ...  # whether each seed gives the world of its episode
     @property
-    def source(self) -> str:
-        """What made the episodes, or the format they were converted from; a few words."""
-        ...
-
+    def source(self) -> str: ...  # what made the episodes, or the format they were converted from
     @property
-    def source_sha256(self) -> str | None:
-        """SHA-256 of the file that was converted, if there was one."""
-        ...
-
+    def source_sha256(self) -> str | None: ...  # of the file that was converted, if there was one
     @property
     def remaking(self) -> str | None:
         """How its source gives it again, for a card; None where a recipe does, or nothing."""
         ...
 
     @property
-    def license(self) -> str:
-        """The license, as the Hugging Face Hub names it; `unknown` where nobody gave one."""
-        ...
-
+    def license(self) -> str: ...  # as the Hugging Face Hub names it; `unknown` if none was given
     @property
-    def metadata(self) -> Mapping[str, str] | None:
-        """What its author says of it; None where nobody is asked."""
-        ...
-
+    def metadata(self) -> Mapping[str, str] | None: ...  # of its author; None: nobody is asked
     @property
     def about_tier(self) -> str | None:
         """What a card says of the tier; None for the description of the package's tiers."""
         ...
 
-    def to_yaml(self) -> str:
-        """The same content as readable YAML."""
-        ...
-
+    def to_yaml(self) -> str: ...  # the same content as readable YAML
     @classmethod
     def parse(cls, data: Any, source: str = "") -> Self:
         """Builds it from plain data.

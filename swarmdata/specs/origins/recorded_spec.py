@@ -2,10 +2,7 @@
 
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import (
-    Field,
-    model_validator,
-)
+from pydantic import Field, model_validator
 
 from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Name, Text, repeated
@@ -33,9 +30,8 @@ class RecordedSpec(Frozen):
     world: ClassVar[None] = None  # this package cannot simulate it
 
     kind: Literal["recorded"] = "recorded"
-    task: Annotated[
-        str, Field(pattern=r"^[a-z0-9_]+$", max_length=96)
-    ]  # such as "simple_spread_v3"
+    task: Annotated[str, Field(pattern=r"^[a-z0-9_]+$", max_length=96)]
+    """Such as "simple_spread_v3"."""
     library: Text = ""  # such as "mpe2"; empty if not known
     version: Text = ""  # of the library
     options: dict[str, Any] = Field(default_factory=dict)  # it was made with; those that are known
@@ -114,6 +110,5 @@ class RecordedSpec(Frozen):
     @property
     def limits(self) -> tuple[str, ...]:
         """Known limits, for cards."""
-        if self.version:
-            return ()
-        return ("The version of the environment's library is not known.",)
+        unknown = "The version of the environment's library is not known."
+        return () if self.version else (unknown,)

@@ -1,15 +1,13 @@
 """Recording, a dataset of steps that were taken in an environment, here or elsewhere."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from pydantic import Field
 
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins.spec_kinds import AnySpec
 from swarmdata.specs.plain_names import Label, Sha256, Text
-from swarmdata.specs.recipe import Policies, SplitRule, Splits
-
-Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
+from swarmdata.specs.recipe import Id, Policies, Seed, SplitRule, Splits
 
 
 class Recording(Frozen):
@@ -31,7 +29,7 @@ class Recording(Frozen):
     tier: Label = "recorded"
     spec: AnySpec
     policies: Policies  # their shares have no meaning
-    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0  # of the splits
+    seed: Seed = 0  # of the splits
     splits: Splits | None = Splits.defaults()  # None: each episode keeps the split of its source
     source: Text  # "recorder", or the format it was converted from
     source_sha256: Sha256 | None = None  # of the file that was converted
@@ -39,10 +37,8 @@ class Recording(Frozen):
 
     @property
     def split_rule(self) -> SplitRule | None:
-        """The rule that splits its episodes, None where the source had splits."""
         return None if self.splits is None else SplitRule(self.splits, self.seed)
 
     @property
     def license(self) -> str:
-        """The one its author gave it."""
         return self.metadata.get("license", "unknown")

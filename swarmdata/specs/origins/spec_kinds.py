@@ -19,10 +19,7 @@ class Spec(Document, Dumps, Protocol):
     @property
     def kind(self) -> str: ...  # its key in `SPEC_KINDS`
     @property
-    def world(self) -> TaskSpec | None:
-        """The task that this package can simulate, None for environments of others."""
-        ...
-
+    def world(self) -> TaskSpec | None: ...  # the task that this package simulates, if it is one
     @property
     def task(self) -> str: ...  # name of the task or environment
     @property
@@ -36,10 +33,7 @@ class Spec(Document, Dumps, Protocol):
     @property
     def state_size(self) -> int: ...  # columns of a state, S
     @property
-    def action_size(self) -> int:
-        """Columns of an action, A; of agents with different spaces, the widest."""
-        ...
-
+    def action_size(self) -> int: ...  # columns of an action, A, the widest agent's
     @property
     def action_kind(self) -> Literal["unit", "continuous", "choices"]:
         """Commands in [-1, 1], real numbers with bounds of their own, or discrete choices."""
@@ -48,30 +42,17 @@ class Spec(Document, Dumps, Protocol):
     @property
     def action_spaces(self) -> tuple[Space, ...]: ...  # the space of each agent's actions, N long
     def observation_spaces(self, n_columns: int) -> tuple[Space, ...]:
-        """The space of each agent's observations, N long.
-
-        Args:
-            n_columns: of the stored observations, O.
-        """
+        """The space of each agent's observations, N long; stored ones have `n_columns`, O."""
         ...
 
     @property
-    def horizon(self) -> int | None:
-        """Most joint steps of an episode, None if that is not known."""
-        ...
-
+    def horizon(self) -> int | None: ...  # most joint steps of an episode, None if not known
     @property
-    def time_step(self) -> float | None:
-        """Duration of a joint step, s; None if that is not known."""
-        ...
-
+    def time_step(self) -> float | None: ...  # duration of a joint step, s; None if not known
     @property
     def state_meaning(self) -> str: ...  # what a row of `states` holds, one sentence
     @property
-    def facts(self) -> tuple[tuple[str, str], ...]:
-        """Further rows of a card's first table: name and value."""
-        ...
-
+    def facts(self) -> tuple[tuple[str, str], ...]: ...  # more rows of a card's first table
     @property
     def limits(self) -> tuple[str, ...]: ...  # known limits of datasets of it, sentences for a card
 
@@ -103,57 +84,46 @@ class SideSpec(Frozen):
 
     @property
     def task(self) -> str:
-        """The task, the side, and its opponents if they are known."""
         against = "" if self.opponents is None else f" against {self.opponents}"
         return f"{self.whole.task}: {self.side}{against}"
 
     @property
     def n_agents(self) -> int:
-        """Number of agents of the side, N."""
         return len(self.agents.agents)
 
     @property
     def agent_names(self) -> tuple[str, ...]:
-        """Their names in agent order, N long."""
         return tuple(self.whole.agent_names[i] for i in self.agents.agents)
 
     @property
     def observation_size(self) -> int:
-        """Columns of an observation, O, which are those of the task."""
         return self.whole.observation_size
 
     @property
     def state_size(self) -> int:
-        """Columns of a state, S, which is that of all sides."""
         return self.whole.state_size
 
     @property
     def action_size(self) -> int:
-        """Columns of an action, A."""
         return self.whole.action_size
 
     @property
     def action_spaces(self) -> tuple[Space, ...]:
-        """The space of each agent's actions, N long."""
         return tuple(self.whole.action_spaces[i] for i in self.agents.agents)
 
     def observation_spaces(self, n_columns: int) -> tuple[Space, ...]:
-        """The space of each agent's observations, N long; they have `n_columns`."""
         return self.whole.observation_spaces(n_columns)[: self.n_agents]
 
     @property
     def horizon(self) -> int:
-        """Most joint steps of an episode."""
         return self.whole.horizon
 
     @property
     def time_step(self) -> float:
-        """Duration of a joint step, s."""
         return self.whole.time_step
 
     @property
     def state_meaning(self) -> str:
-        """What a row of `states` holds."""
         return self.whole.state_meaning
 
 

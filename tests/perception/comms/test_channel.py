@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError
 from swarmdata.numerics.episode_draws import drawn_values
-from swarmdata.perception.comms import Channel
+from swarmdata.perception.comms.channel import Channel
 from swarmdata.registry.components import make_env
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.sensing_models import Broadcast
@@ -41,17 +41,9 @@ def seeds_from(draw: int, n_copies: int) -> Seeds:
 def test_features_name_the_slots_and_their_kinds() -> None:
     features = Channel(spec_of("goal", n=3), 1).features
 
-    assert [f.name for f in features[9:]] == [
-        "message_1.position_x",
-        "message_1.position_y",
-        "message_1.heading_x",
-        "message_1.heading_y",
-        "message_1.target_x",
-        "message_1.target_y",
-        "message_1.age",
-        "message_1.mask",
-        "message_1.sender",
-    ]
+    vectors = ("position_x", "position_y", "heading_x", "heading_y", "target_x", "target_y")
+    fields = (*vectors, "age", "mask", "sender")
+    assert [f.name for f in features[9:]] == [f"message_1.{field}" for field in fields]
     assert [f.kind for f in features[:9:2]] == ["position", "direction", "position", "flag", "flag"]
     assert [f.axis for f in features[:7]] == ["x", "y"] * 3 + [""]
 
@@ -104,11 +96,6 @@ def test_wrong_actions_are_refused() -> None:
         channel.transmit(now, now.states, np.zeros((1, 2, 2)), active, out)
     with pytest.raises(SchemaError, match=r"None for copies \[0\]"):
         channel.transmit(now, now.states, None, active, out)
-
-
-def test_a_channel_needs_robots_that_talk() -> None:
-    with pytest.raises(SpecError, match="needs communication of kind 'broadcast', got 'none'"):
-        Channel(TaskSpec(), 1)
 
 
 @pytest.mark.parametrize("name", ["perfect", "bursty-30"])

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from swarmdata import types
-from swarmdata.perception.comms import Channel
+from swarmdata.perception.comms.channel import Channel
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Counts, Double, Float, Seeds, Step

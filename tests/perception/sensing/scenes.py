@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from swarmdata.interfaces import Task
-from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.sensing.sensor import Sensor
 from swarmdata.specs.features import Feature, telling_goals
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, robots_of

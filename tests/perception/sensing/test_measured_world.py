@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from swarmdata.interfaces import Task
 from swarmdata.numerics.episode_draws import drawn_values
 from swarmdata.numerics.random import STREAMS, derive, normal, uniform
-from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.sensing.sensor import Sensor
 from swarmdata.registry.components import make_env
 from swarmdata.specs.state_layout import BODY, N_COLUMNS
 from swarmdata.specs.task_spec import TaskSpec
@@ -152,60 +152,6 @@ def test_what_is_missed_is_not_there(kind: str, seed: int, dropout: float) -> No
             if np.isnan(expected[0, i, columns]).any():
                 expected[0, i, columns] = 0
         np.testing.assert_array_equal(found[0, i], expected[0, i])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", ["state", "bearing"])
-def test_objects_are_missed_independently_at_their_rate(kind: str) -> None:
-    task = scenes.task({"kind": kind, "dropout": 0.25}, n_agents=2)
-    step = scenes.step(task, 1, 3)
-    step = step._replace(layouts=step.layouts[:, :0])
-    step.states[0, [0, 1, 8, 9]] = 0, 0, 0.5, 0
-    (mask,) = [k for k, f in enumerate(Sensor(task, 1).features) if f.name == "neighbor_0.mask"]
-    seen = np.array(
-        [scenes.observe(task, step._replace(times=np.array([t])))[0, :, mask] for t in range(1500)]
-    )
-    assert abs(seen.mean() - 0.75) < 0.03
-    assert abs(np.corrcoef(seen[:, 0], seen[:, 1])[0, 1]) < 0.08
-    assert abs(np.corrcoef(seen[1:, 0], seen[:-1, 0])[0, 1]) < 0.08
-
-
-@pytest.mark.slow
-def test_noise_has_its_deviation_and_no_bias() -> None:
-    task = scenes.task({"kind": "state", "noise": LOUD}, n_agents=2)
-    step = scenes.step(task, 1, 3)
-    step = step._replace(layouts=step.layouts[:, :1])
-    same = [step._replace(times=np.array([t])) for t in range(1500)]
-    clean = scenes.observe(scenes.task({"kind": "state"}, n_agents=2), step)[0, 0]
-    draws = np.array([scenes.observe(task, each)[0, 0] for each in same]) - clean
-    names = [feature.name for feature in Sensor(task, 1).features]
-    columns = {name: draws[:, k] for k, name in enumerate(names)}
-    for name, std in {
-        "own.x": 0.05,
-        "own.vy": 0.04,
-        "own.goal_dx": 0.05,
-        "neighbor_0.dx": 0.05,
-        "neighbor_0.dvy": 0.04,
-        "obstacle_0.dy": 0.05,
-    }.items():
-        assert abs(columns[name].std() / std - 1) < 0.05, name
-        assert abs(columns[name].mean()) < 5 * std / np.sqrt(1500), name
-    turned = np.hypot(columns["own.heading_x"], columns["own.heading_y"])
-    assert abs(np.sqrt((turned**2).mean()) / 0.03 - 1) < 0.05
-    independent = np.corrcoef(
-        [
-            columns[f"{n}.{c}"]
-            for n, c in [
-                ("own", "x"),
-                ("own", "y"),
-                ("neighbor_0", "dx"),
-                ("obstacle_0", "dx"),
-                ("own", "vx"),
-            ]
-        ]
-    )
-    assert abs(independent - np.eye(5)).max() < 0.1
-    np.testing.assert_allclose(columns["own.goal_dx"], -columns["own.x"], atol=1e-6)
 
 
 def test_what_robots_know_of_themselves_is_late() -> None:

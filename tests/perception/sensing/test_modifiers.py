@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.numerics.random import STREAMS, derive, normal, uniform
-from swarmdata.perception.sensing import Sensor
 from swarmdata.perception.sensing.modifiers import History, echoes_of
+from swarmdata.perception.sensing.sensor import Sensor
 from swarmdata.types import Float
 from tests.perception.sensing import scenes
 

@@ -1,35 +1,23 @@
 """Distances of beams are found in any observation that has some."""
 
 import numpy as np
-import pytest
 
 from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry.components import make_env
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Float
 
 
-@pytest.mark.parametrize(
-    "model", ["lidar-12", "lidar-12+stack-3", "lidar-12+noise-0.1+dropout-0.3"]
-)
-def test_one_distance_for_each_ray(model: str) -> None:
+def scan(model: str) -> Float | None:
     env = make_env(with_models(TaskSpec(), model, "perfect"), 3)
-    step = env.reset(np.arange(3, dtype=np.uint64))
-    scan = scan_of(env.features, step.observations)
-    assert scan is not None
-    assert scan.shape == (3, 4, 12)
-    assert ((scan >= 0) & (scan <= 1)).all()
-    assert (scan < 1).any()
-    plain = make_env(with_models(TaskSpec(), "lidar-12"), 3)
-    first = plain.reset(np.arange(3, dtype=np.uint64)).observations
-    newest = scan_of(plain.features, first)
-    assert newest is not None
-    if "noise" not in model:
-        np.testing.assert_array_equal(scan, newest)
-    assert newest.shape == scan.shape
+    return scan_of(env.features, env.reset(np.arange(3, dtype=np.uint64)).observations)
 
 
-def test_no_beams_no_scan() -> None:
-    env = make_env(TaskSpec(), 1)
-    step = env.reset(np.zeros(1, dtype=np.uint64))
-    assert scan_of(env.features, step.observations) is None
+def test_one_distance_of_the_newest_frame_for_each_ray() -> None:
+    plain, stacked = scan("lidar-12"), scan("lidar-12+stack-3")
+    assert plain is not None
+    assert plain.shape == (3, 4, 12)
+    assert 0 <= plain.min() < plain.max() == 1
+    np.testing.assert_array_equal(plain, stacked)
+    assert scan("state") is None

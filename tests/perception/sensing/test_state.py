@@ -11,7 +11,7 @@ from numba import njit
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import bounding_radius, nearest
-from swarmdata.perception.sensing import Sensor
+from swarmdata.perception.sensing.sensor import Sensor
 from swarmdata.perception.sensing.state import order_keys, take_smallest
 from swarmdata.specs.state_layout import robots_of
 from swarmdata.types import Double, Float, Int
