@@ -38,16 +38,15 @@ def build(
 
     Parts are collected in `<out>.build` and removed at the end. Kill the process at any time and
     call again: finished parts are kept, and the dataset is the same. Where another process builds
-    the same dataset, this one waits for it. A disk without room for parts and dataset together is
-    enough: parts are then deleted while they are joined, and made again if that is interrupted.
+    the same dataset, this one waits for it. Without room for parts and dataset together, parts are
+    deleted while they are joined, and made again if that is interrupted.
 
     Args:
         recipe: what to make.
         out: the dataset's folder; where it is finished already, nothing is done.
         checkpoints: a folder with a folder `checkpoints`, which has the networks that the recipe
-            names and the package does not have, such as that of a dataset of the recipe. They are
-            copied into the new dataset. None: there are none, or a build that was interrupted has
-            them already.
+            names and the package does not have; they are copied. None: there are none, or a build
+            that was interrupted has them already.
         workers: processes of the engine `local` that simulate; by default one for each core.
         engine: where parts are made: `local`, `dask://HOST:PORT`, `slurm[:PARTITION]`, `ray`, or an
             executor. All see the folder of `out`.
@@ -140,11 +139,8 @@ def _make(parts: Parts, out: Path, makers: Engine, progress: bool) -> Manifest:
 
 
 def _finish(recipe: Recipe, out: Path, makers: Engine) -> None:
-    """Writes the dataset's card.
-
-    Workers of this machine have loaded the compiled code that it needs, which takes seconds.
-    """
-    if isinstance(makers, Crew):
+    """Writes the dataset's card."""
+    if isinstance(makers, Crew):  # its workers have loaded compiled code, which takes seconds
         makers.run([Job(f"the card of {recipe.id}", {"finish": str(out.resolve())})])
     else:
         from swarmdata.cards.side_files import finish  # noqa: PLC0415

@@ -1,8 +1,6 @@
 """Compiles every kernel beforehand, by using each world, sensor, radio and controller once.
 
-A kernel is compiled for the types that it is called with, so a list of kernels would not do: it
-would have to name the types of each call, and be out of date with the next change. Here the code
-that calls them runs, for a few steps.
+A kernel is compiled for the types that it is called with, which only the code that calls it knows.
 """
 
 import os
@@ -68,15 +66,13 @@ def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
     """
     before = kept_kernels()
     jobs = _jobs()
-    bar = tqdm(
-        total=len(jobs), desc="compiling kernels", unit="use", disable=None if progress else True
-    )
-    crew = Crew(f"{__name__}:kernel_user", workers or usable_cores())
+    hidden = None if progress else True  # None: hidden where there is no terminal
+    bar = tqdm(total=len(jobs), desc="compiling kernels", unit="use", disable=hidden)
 
     def report(n_uses: int) -> None:
         bar.update(n_uses)
 
-    with bar, crew, PROGRESS.silent():
+    with bar, Crew(f"{__name__}:kernel_user", workers or usable_cores()) as crew, PROGRESS.silent():
         crew.run(jobs, report)
     return len(kept_kernels() - before)
 

@@ -1,8 +1,7 @@
 """Parts of an unfinished dataset on a remote, for machines that share no file system.
 
 A part travels as one tar file, `policy-0-part-00003.<sha256>.tar`, in the remote's folder
-`<id>.<hash of the recipe>.parts`. Parts are pure functions of the recipe, so that two machines
-which make the same one send the same file, and a name with another digest is an error, not a race.
+`<id>.<hash of the recipe>.parts`. Every machine makes the same file of it.
 """
 
 import hashlib

@@ -1,7 +1,6 @@
 """The folder of parts of an unfinished dataset.
 
-Part k of a policy holds the episodes k * part_episodes and on of that policy's stream, and is a
-pure function of the recipe and k. So it does not matter who makes a part, when, or how often.
+Part k of a policy holds the episodes from k * part_episodes on of its stream: a pure function.
 """
 
 import re

@@ -1,8 +1,7 @@
 """Shares of a dataset's parts, for schedulers: share k of N may run anywhere, any time, twice.
 
-All shares and `finish_parts` see one folder, or send their parts to one remote. A share makes every
-N-th part; how many a policy needs is estimated from the parts that are there. What the estimates
-leave out, `build` makes.
+How many parts a policy needs is estimated from those that are there; what the estimates leave out,
+`build` makes.
 """
 
 import math

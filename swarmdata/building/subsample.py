@@ -1,7 +1,7 @@
 """Which episodes a smaller dataset takes: in proportion, or so that returns are distributed alike.
 
-Pure functions. Randomness is a key for each episode, a function of its seed, so a choice does not
-depend on where an episode is stored, and a smaller choice is part of a larger one.
+Randomness is a key for each episode, a function of its seed, so a smaller choice is part of a
+larger one.
 """
 
 from fractions import Fraction

@@ -1,7 +1,4 @@
-"""Says once in a command that kernels are compiled, and about how long that will take.
-
-Workers do not speak: they report to the process that started them (`workers.serve`).
-"""
+"""Says once in a command that kernels are compiled, and about how long that will take."""
 
 import logging
 import time

@@ -1,9 +1,7 @@
 """`kernel`, numba's `njit` with a cache on disk that notices every change of source.
 
-numba keys the cache of a function by the file that holds it. What the function calls from another
-file is compiled into it, and may change without notice: after an update of some files, old code
-would go on running. Here the key is a digest of the module and of every module of this package that
-it imports, directly or not. `kernel_cache` says where compiled code is looked for.
+numba keys its cache by the file of a function, though what it calls from others is compiled into
+it. Here the key is a digest of the module and of all that it imports of this package.
 """
 
 import contextlib

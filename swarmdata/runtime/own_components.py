@@ -1,8 +1,7 @@
 """Components of users: tasks, policies, algorithms and remotes that are not in this package.
 
-They come from the entry points of installed distributions, and from `swarmdata.register_...` in
-this process. What was registered from a module that other processes can import is known to the
-workers of this process, too: its place is in `REGISTERED_VARIABLE` of their environment.
+They come from entry points of installed distributions and from `swarmdata.register_...`; workers of
+this process find those of modules that can be imported by `REGISTERED_VARIABLE`.
 """
 
 import ast

@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -297,9 +297,11 @@ def _write(
         )
     moments = {"observations": Moments(), "rewards": Moments()}
     entries = {}
-    for name, shard in _shown(shards, recipe.id, progress):
-        observe = _observer(moments.get(name), train)
-        blocks = observe(_blocks(source, name, shard.dtype))
+    hidden = None if progress else True  # None: hidden where there is no terminal
+    for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
+        blocks = _blocks(source, name, shard.dtype)
+        if name in moments:
+            blocks = _observed(blocks, moments[name], train)
         entries[name] = write_shard(folder, name, shard, blocks, logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
     observation_mean, observation_std = moments["observations"].result()
@@ -326,25 +328,14 @@ def _write(
     )
 
 
-def _shown(shards: dict[str, Shard], name: str, progress: bool) -> Iterable[tuple[str, Shard]]:
-    """The arrays, under a bar that is hidden where there is no terminal."""
-    hidden = None if progress else True
-    return tqdm(shards.items(), name, unit="array", leave=False, disable=hidden)
-
-
-Blocks = Iterator[NDArray[Any]]
-
-
-def _observer(moments: Moments | None, train: Bool) -> Callable[[Blocks], Blocks]:
-    """Returns a pass-through that shows the blocks of train episodes to `moments`."""
-
-    def observe(blocks: Blocks) -> Blocks:
-        for index, block in enumerate(blocks):
-            if moments is not None and train[index]:
-                moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
-            yield block
-
-    return observe
+def _observed(
+    blocks: Iterator[NDArray[Any]], moments: Moments, train: Bool
+) -> Iterator[NDArray[Any]]:
+    """Passes blocks on, and shows those of train episodes to `moments`."""
+    for block, is_train in zip(blocks, train, strict=True):
+        if is_train:
+            moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
+        yield block
 
 
 def _attributes(recipe: Origin) -> dict[str, Any]:

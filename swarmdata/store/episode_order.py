@@ -1,7 +1,4 @@
-"""Which episodes a dataset takes from its policies' streams, and in which order.
-
-A pure function of the recipe and of episode lengths, in exact integer arithmetic.
-"""
+"""Which episodes a dataset takes from its policies' streams, and in which order."""
 
 import math
 from collections.abc import Sequence

@@ -1,7 +1,4 @@
-"""Selection, episodes of open datasets as the source of a new one, copied from memory map to disk.
-
-Rows go straight from one file to the other; nothing is unpacked or held in memory.
-"""
+"""Selection, episodes of open datasets as the source of a new one, copied from map to disk."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

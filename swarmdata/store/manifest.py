@@ -60,12 +60,7 @@ Xxh3 = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
 
 
 class _Section(BaseModel):
-    """Frozen; unknown keys are ignored.
-
-    Unlike a spec, nobody types a manifest, and its checksum excludes typing errors. A key that
-    this version does not know was written by a newer one that kept the format version, which
-    promises that the data can be read without it.
-    """
+    """Frozen; unknown keys are ignored, which a newer version of the same format wrote."""
 
     model_config = ConfigDict(
         frozen=True, extra="ignore", strict=True, allow_inf_nan=False, defer_build=True

@@ -1,10 +1,7 @@
 """The engine `local`: worker processes of this machine; one that is killed costs its job a retry.
 
-`concurrent.futures.ProcessPoolExecutor` fails as a whole when one worker is killed, and
-`multiprocessing` runs the caller's script again in every worker unless it is guarded. Here a worker
-is a plain new interpreter, which reads jobs from its standard input and reports on its standard
-output, one JSON object per line. It ends when its standard input ends, in the middle of a job too,
-so it does not outlive the supervisor, however that one died.
+A worker is a new interpreter, which reads jobs from its standard input and reports on its standard
+output, one JSON object per line. It ends with its standard input, and so with its supervisor.
 """
 
 import json
@@ -235,12 +232,8 @@ def serve(entry: str) -> None:
 
 
 def _receive(jobs: SimpleQueue[bytes]) -> None:
-    """Takes jobs from standard input; ends the process where it ends, since nobody waits then.
-
-    What the process was doing is lost as if it had been killed. It reads by descriptor: a thread
-    that waits in a buffered reader keeps the interpreter from shutting down.
-    """
-    buffer = b""
+    """Takes jobs from standard input; ends the process where it ends, since nobody waits then."""
+    buffer = b""  # a thread in a buffered reader would keep the interpreter from shutting down
     while data := os.read(0, 1 << 16):
         *lines, buffer = (buffer + data).split(b"\n")
         for line in lines:

@@ -1,7 +1,6 @@
 """The engine over any `concurrent.futures.Executor`; lost jobs are submitted again.
 
-What the processes of an executor need: this package and its extras in the same versions, and the
-folders that jobs name, as on a shared file system.
+Its processes need the same versions of all packages, and the folders that jobs name.
 """
 
 import threading
@@ -23,6 +22,9 @@ from swarmdata.runtime.engines.jobs import (
 
 MAX_SUBMITTED = 1_000
 """Jobs that an executor holds at once."""
+
+SHUTDOWN_SECONDS = 10
+"""An executor that does not end in this time is left to itself."""
 
 
 @dataclass
@@ -91,10 +93,7 @@ class ExecutorEngine:
                     progress(outcome["progress"])
 
     def _submit(self, job: Job, lose: Callable[[Job, BaseException], None]) -> None:
-        """Hands a job to the executor; to a new one, if it takes no more.
-
-        What the last one has not done is lost then: nobody settles its futures any more.
-        """
+        """Hands a job to the executor; to a new one if it takes no more, and its jobs are lost."""
         assert self._executor is not None
         try:
             future = self._executor.submit(do_job, self.entry, job.payload)
@@ -128,10 +127,6 @@ def _refused(error: Exception, what_to_do: str) -> EngineError:
         f"the executor takes no more jobs ({type(error).__name__}: {error}). What is finished is "
         f"kept: {what_to_do}."
     )
-
-
-SHUTDOWN_SECONDS = 10
-"""An executor that does not end in this time is left to itself."""
 
 
 def _lost(job: Job, error: BaseException) -> BuildError:

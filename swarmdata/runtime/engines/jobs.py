@@ -1,7 +1,6 @@
 """Jobs: pieces of work that any process may do, described by JSON values.
 
-A job names what does it and what it is about. Its result is what it leaves in files, written in one
-rename, so doing it twice, or in two processes at once, is the same as doing it once.
+Its result is what it leaves in files, written in one rename: doing it twice is doing it once.
 """
 
 import os

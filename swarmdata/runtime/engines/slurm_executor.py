@@ -1,8 +1,7 @@
 """The executor of a SLURM cluster, by submitit: a SLURM job for each job.
 
-Submitit keeps scripts, arguments, results and logs in a folder that all nodes see. A job is done
-when its result is in that folder. Whether it was lost is asked of `squeue` here: submitit asks
-`sacct`, at most every ten minutes, and clusters without accounting have none.
+A job is done when its result is in submitit's folder. Whether it was lost is asked of `squeue`:
+submitit asks `sacct`, every ten minutes, and clusters without accounting have none.
 """
 
 import subprocess

@@ -121,10 +121,7 @@ def _checked(
 
 
 def _chunks(blocks: Iterable[NDArray[np.uint8]], size: int) -> Iterator[NDArray[np.uint8]]:
-    """Cuts a stream of bytes into chunks of `size`, the last one padded with zeros.
-
-    The same buffer is yielded every time.
-    """
+    """Cuts a stream of bytes into chunks of `size`, the last padded with zeros; all one buffer."""
     buffer = np.zeros(size, dtype=np.uint8)
     used = 0
     for block in blocks:
