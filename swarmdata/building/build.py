@@ -21,6 +21,7 @@ from swarmdata.store import Manifest, remove_leftovers
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.assembly import assemble
 from swarmdata.store.manifest import is_finished, note_build
+from swarmdata.store.table import n_steps_of
 
 PART_MAKER = "swarmdata.building.part_maker:part_maker"
 
@@ -151,7 +152,7 @@ def _finish(recipe: Recipe, out: Path, makers: Engine) -> None:
 @contextmanager
 def _bar(recipe: Recipe, parts: Parts, shown: bool) -> Iterator[Report]:
     """A progress bar over joint steps; it starts at what earlier runs have made."""
-    have = min(recipe.n_steps, sum(table.n_steps for table in parts.all_tables()))
+    have = min(recipe.n_steps, n_steps_of(*parts.all_tables()))
     with tqdm(
         total=recipe.n_steps,
         initial=have,

@@ -18,6 +18,7 @@ from swarmdata.hub.remotes.interface import Remote
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.manifest import is_finished
 from swarmdata.store.parts import write_part
+from swarmdata.store.table import n_steps_of
 
 
 def make_share(
@@ -113,7 +114,7 @@ def finish_parts(recipe: Recipe, out: Path, *, progress: bool = True) -> Path:
     parts = Parts(recipe, build_folder(out))
     merge = parts.merge() if parts.is_ours() else None
     if merge is None or merge.lacking is not None:
-        have = sum(table.n_steps for table in parts.all_tables()) if merge else 0
+        have = n_steps_of(*parts.all_tables()) if merge else 0
         raise BuildError(
             f"{recipe.id} has parts of {have:,} joint steps in {parts.folder}, which are not "
             f"enough for {recipe.n_steps:,}. Run all shares to their end; or leave out --finish, "
@@ -125,8 +126,7 @@ def finish_parts(recipe: Recipe, out: Path, *, progress: bool = True) -> Path:
 def _n_needed(parts: Parts, policy: int) -> int:
     """Parts that a policy will need, by the mean of those that are there."""
     tables = parts.tables_of(policy)
-    mean = sum(table.n_steps for table in tables) / len(tables)
-    return math.ceil(parts.needed_steps(policy) / mean)
+    return math.ceil(parts.needed_steps(policy) / (n_steps_of(*tables) / len(tables)))
 
 
 def _withdraw(path: Path) -> None:

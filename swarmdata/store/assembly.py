@@ -260,7 +260,7 @@ def _ordered_rows(parts: Parts, order: Order) -> tuple[NDArray[np.void], NDArray
     """Table rows and layouts of the ordered episodes, after checking that the order is possible."""
     if not order:
         raise SchemaError("order has no episodes, expected at least 1")
-    tables = {p: np.concatenate([read_part_table(f).rows for f in fs]) for p, fs in parts.items()}
+    tables = {p: np.concatenate([read_part_table(f) for f in fs]) for p, fs in parts.items()}
     layouts = {p: np.concatenate([read_part_layouts(f) for f in fs]) for p, fs in parts.items()}
     last = dict.fromkeys(parts, -1)
     for policy, episode in order:

@@ -33,20 +33,12 @@ from tests.support.made_episodes import stored
 from tests.support.pairs import once_each
 
 OBSERVATIONS = (
-    "state",
-    "lidar",
-    "bearing",
-    "occupancy",
-    "state+noise-0.05+delay-2",
+    *("state", "lidar", "bearing", "occupancy", "state+noise-0.05+delay-2"),
     "lidar-20+noise-0.05+dropout-0.2+delay-1+stack-3",
 )
 COMMUNICATIONS = (
-    "none",
-    "perfect",
-    "lossy-30+delayed-2",
-    "goal+bursty-20+nearest-2",
-    "state+bandwidth-1+ring+range-1.5",
-    "learned-3+aloha-4+bits-6",
+    *("none", "perfect", "lossy-30+delayed-2", "goal+bursty-20+nearest-2"),
+    *("state+bandwidth-1+ring+range-1.5", "learned-3+aloha-4+bits-6"),
 )
 PAIRED = (
     ("state-0+goal-for-0+no-velocities", "errand"),

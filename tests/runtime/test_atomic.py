@@ -201,11 +201,11 @@ def test_a_killed_writer_is_cleaned_up_by_the_next_one(tmp_path: Path) -> None:
 def test_nothing_of_the_users_is_removed(tmp_path: Path) -> None:
     (tmp_path / f".tmp-x-{HEX}").mkdir()
     (tmp_path / f".tmp-x-{HEX}" / "thesis.tex").write_text("by hand")
-    (tmp_path / f".tmp-x-{'1' * 32}").write_text("a file")
-    (tmp_path / ".tmp-x").mkdir()
-    (tmp_path / ".tmp-x" / MARKER_FILE).touch()
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / MARKER_FILE).touch()
+    for name in (".tmp-", ".tmp-notes", f".tmp-x-{'1' * 32}"):
+        (tmp_path / name).write_text("a file")
+    for name in (".tmp-x", f".tmp-x-{'a' * 31}", f".tmp-x-{'g' * 32}", "elsewhere"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / MARKER_FILE).touch()
     (tmp_path / f".tmp-x-{'2' * 32}").symlink_to(tmp_path / "elsewhere")
     before = names(tmp_path)
     remove_leftovers(tmp_path)

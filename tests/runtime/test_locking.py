@@ -18,17 +18,9 @@ from swarmdata.runtime.locking import REMINDER, SILENCE, Lock, is_mount_point, l
 
 
 def start(code: str, *arguments: str | Path) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            f"import sys; sys.path[:] = {sys.path!r}\n{code}",
-            *map(str, arguments),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    code = f"import sys; sys.path[:] = {sys.path!r}\n{code}"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 COUNT = """
@@ -59,12 +51,17 @@ with locked(Path(sys.argv[1]), shown=False):
 """
 
 
+def start_three(code: str, path: Path) -> None:
+    """Three processes at once, which end well."""
+    processes = [start(code, path) for _ in range(3)]
+    results = [process.communicate(timeout=300) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0, 0], results
+
+
 def test_no_change_of_many_processes_is_lost(tmp_path: Path) -> None:
     path = tmp_path / "count"
     path.write_text("0")
-    processes = [start(COUNT, path) for _ in range(3)]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0, 0, 0], results
+    start_three(COUNT, path)
     assert path.read_text() == "150"
     assert [each.name for each in tmp_path.iterdir()] == ["count"], "no lock is left"
 
@@ -102,9 +99,7 @@ def test_an_error_inside_frees_the_lock(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_comes_and_goes_stops_nobody(tmp_path: Path) -> None:
-    processes = [start(COME_AND_GO, tmp_path / "deep" / "x") for _ in range(3)]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0, 0, 0], results
+    start_three(COME_AND_GO, tmp_path / "deep" / "x")
     with locked(tmp_path / "deep" / "x", shown=False):
         (tmp_path / "deep" / "x").touch()
     assert [each.name for each in (tmp_path / "deep").iterdir()] == ["x"]
