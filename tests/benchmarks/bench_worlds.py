@@ -20,10 +20,15 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.sensing_models import Broadcast, LidarModel
 from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
-from tests.benchmarks.measuring import Rate, interleave, short, table, write_section
+from tests.benchmarks.measuring import (
+    Rate,
+    interleave,
+    short,
+    table,
+    use_last_core,
+    write_section,
+)
 from tests.benchmarks.replays import Recording, Replay, members, record
-
-ALL_CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}
 
 SIZES = (4, 8, 16, 32)
 TEAMS = ("random", "scripted", "medium", "expert")
@@ -284,8 +289,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
 
 def main() -> None:
     """Measures the sections named on the command line, all by default, on the last core."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(ALL_CORES)})
+    use_last_core()
     for name in sys.argv[1:] or SECTIONS:
         print(f"== {name}", flush=True)
         SECTIONS[name]()

@@ -1,9 +1,7 @@
 """`bc` and `maddpg_bc` as in single-file implementations: one seed, torch modules, `.item()`.
 
-Written for the benchmark in the manner of CORL's `algorithms/offline/td3_bc.py`: a module per
-critic, an optimizer each, targets as deep copies that a loop over parameters moves, the dataset as
-tensors in memory, drawn by fancy indexing. Networks, inputs, batches and losses are those of ours,
-`maddpg_bc` with one stage; what critics see was made for all transitions before.
+In the manner of CORL's `algorithms/offline/td3_bc.py`. Networks, inputs, batches and losses are
+those of ours, `maddpg_bc` with one stage; what critics see was made for all transitions before.
 """
 
 import copy
@@ -57,10 +55,7 @@ def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
 class PlainBC:
     """One seed of behavior cloning.
 
-    Args:
-        data: `observations` with the robot's number [T, N, F] and `actions` [T, N, A].
-        hidden: size of both hidden layers.
-        batch_size: joint transitions of an update.
+    Data are `observations` with the robot's number [T, N, F] and `actions` [T, N, A].
     """
 
     def __init__(self, data: dict[str, Tensor], hidden: int, batch_size: int) -> None:
@@ -88,11 +83,8 @@ class PlainBC:
 class PlainTD3BC(PlainBC):
     """One seed of TD3+BC with two critics of each robot.
 
-    Args:
-        data: as of `PlainBC`, with `next_observations`, `x` and `next_x`, what critics see besides
-            actions [T, N, X], scaled `rewards` [T, N] and `terminations` [T, 1].
-        hidden: size of both hidden layers of every network.
-        batch_size: joint transitions of an update.
+    Data are those of `PlainBC`, with `next_observations`, `x` and `next_x`, what critics see
+    besides actions [T, N, X], scaled `rewards` [T, N] and `terminations` [T, 1].
     """
 
     def __init__(self, data: dict[str, Tensor], hidden: int, batch_size: int) -> None:

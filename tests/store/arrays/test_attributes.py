@@ -26,15 +26,9 @@ from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
 from tests.support.pairs import once_each
 
-WITH_COLUMNS = [
-    "observations",
-    "states",
-    "sent",
-    "actions",
-    "reward_terms",
-    "events",
-    "episodes/layouts",
-]
+WITH_COLUMNS = {
+    *("observations", "states", "sent", "actions", "reward_terms", "events", "episodes/layouts")
+}
 
 
 def recipe_of(spec: TaskSpec) -> Recipe:
