@@ -34,8 +34,7 @@ def make_share(
 
     Args:
         recipe: what to make.
-        out: the dataset's folder; parts are collected beside it. Where it is finished, nothing is
-            done.
+        out: the dataset's folder; where it is finished, nothing is done.
         share: k, from 1 to N.
         n_shares: N.
         checkpoints: as `build` takes them.

@@ -68,10 +68,9 @@ def matched(table: EpisodeTable, target: Double, n_steps: int | None, bins: int,
     """Chooses as many episodes as there can be whose returns are distributed as those of another.
 
     Histogram matching, as OG-MARL's `subsample_similar` (Formanek et al., "Putting Data at the
-    Centre of Offline Multi-Agent RL", arXiv 2409.12001), with bins at the quantiles of the other,
-    so that each matters the same: bin k gets the largest whole number of episodes that is at most
-    m t_k, where t_k are the other's episodes in it, and m is as large as the scarcest bin allows.
-    Cumulative distributions then differ by one bin's share at most, and by rounding.
+    Centre of Offline Multi-Agent RL", arXiv 2409.12001), with bins at the quantiles of the other:
+    bin k gets the largest whole number of episodes that is at most m t_k, where t_k are the other's
+    episodes in it, and m is as large as the scarcest bin allows.
 
     Args:
         table: the episodes to choose from.

@@ -42,12 +42,9 @@ _LOG = logging.getLogger("swarmdata")
 class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
     """numba's cache of a function; a damaged file or a full disk costs time, and nothing else.
 
-    Args:
-        function: in Python.
-        root: folder of the caches of all kernels; the lock that processes share is in it.
-        pack: folder with kernels that were compiled beforehand from the same source; it need not
-            exist, and is trusted as the package is.
-        shared: folder like `root` that is only read, if there is one.
+    `root` has the caches of all kernels, and the locks that processes share; `shared`, if there is
+    one, is like it and only read. `pack` has kernels that were compiled beforehand from the same
+    source; it need not exist, and is trusted as the package is.
     """
 
     def __init__(

@@ -70,16 +70,15 @@ def assemble(
 
     Args:
         out: where the dataset appears.
-        recipe: what the dataset is made from.
+        recipe: of the dataset.
         parts: consecutive parts of each policy's stream, by policy index.
         order: the episodes as (policy index, index in that policy's stream), each stream in
             increasing order; see `merge_order`.
         splits: index into `SPLITS` of each episode; None for those of the recipe's rule.
         optional: optional arrays of the parts to take; None for all that they have.
         checkpoints: content of the networks to keep with the dataset, by file name.
-        consume: whether files of parts are deleted as soon as they are copied, so that the disk
-            never holds everything twice. Where that is interrupted, the parts that are
-            `is_consumed` have to be made again.
+        consume: whether files of parts are deleted as soon as they are copied. Where that is
+            interrupted, the parts that are `is_consumed` have to be made again.
         progress: whether to show a bar over the arrays.
 
     Raises:
@@ -100,22 +99,14 @@ class Source(Protocol):
     """Where the rows of a new dataset come from."""
 
     @property
-    def table(self) -> EpisodeTable:
-        """The episodes, in the order of the new dataset."""
-        ...
+    def table(self) -> EpisodeTable: ...  # the episodes, in the order of the new dataset
 
     @property
-    def names(self) -> Sequence[str]:
-        """Arrays that it has."""
-        ...
+    def names(self) -> Sequence[str]: ...  # of the arrays that it has
 
-    def row_shape(self, name: str) -> tuple[int, ...]:
-        """Shape of a row of an array over time."""
-        ...
+    def row_shape(self, name: str) -> tuple[int, ...]: ...  # of an array over time
 
-    def dtype(self, name: str) -> DType:
-        """Its dtype, one of `Field.dtypes`."""
-        ...
+    def dtype(self, name: str) -> DType: ...  # one of `Field.dtypes`
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Consecutive rows of an array over time, one block per episode, of any of the dtypes."""

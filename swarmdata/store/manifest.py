@@ -298,11 +298,7 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
 
 
 def note_build(manifest: Manifest) -> None:
-    """Records that a dataset was built here, for `was_built_here`.
-
-    The record is beside the datasets, not in them: it neither travels with a copy nor survives a
-    change of recipe or arrays.
-    """
+    """Records beside the datasets that one was built here, for `was_built_here`."""
     record = _record(manifest)
     with contextlib.suppress(OSError):  # a read-only cache has no such records
         record.parent.mkdir(parents=True, exist_ok=True)
@@ -332,9 +328,5 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def logical_header(name: str, dtype: str, shape: tuple[int, ...]) -> bytes:
-    """What the logical digest takes before an array's C-order bytes.
-
-    The digest is the SHA-256 over header and bytes of each array in sorted name order. It depends
-    on the values only, not on chunking or compression.
-    """
+    """What the logical digest, a SHA-256, takes before the C-order bytes of each array, by name."""
     return f"{name}\n{dtype}\n{','.join(map(str, shape))}\n".encode()

@@ -72,19 +72,11 @@ class _Worker:
 
 @dataclass
 class Crew:
-    """Up to `n_workers` processes, kept from one `run` to the next.
+    """Processes that are kept from one `run` to the next, and killed when the context is left."""
 
-    Use the crew as a context manager; leaving it kills the workers.
-
-    Args:
-        entry: "module:function" that returns the handler of a worker.
-        n_workers: how many processes at most, at least 1.
-        renews: whether each job gets a new process, which frees memory.
-    """
-
-    entry: str
-    n_workers: int
-    renews: bool = False
+    entry: str  # "module:function" that returns the handler of a worker
+    n_workers: int  # how many processes at most, at least 1
+    renews: bool = False  # whether each job gets a new process, which frees memory
     _workers: list[_Worker] = field(default_factory=list)
     _selector: selectors.BaseSelector = field(default_factory=selectors.DefaultSelector)
 
@@ -105,11 +97,7 @@ class Crew:
         progress: Report = lambda amount: None,
         on_failure: OnFailure = stop_at_failure,
     ) -> None:
-        """Does all jobs, as `Engine.run` says.
-
-        Raises:
-            BuildError: a worker could not start; or a job failed, by default.
-        """
+        """Does all jobs, as `Engine.run` says; BuildError if a worker could not start."""
         queue, attempts = deque(jobs), Counter[str]()
         while queue or any(worker.job for worker in self._workers):
             self._hire(len(queue))

@@ -32,16 +32,11 @@ class ExecutorEngine:
     """Does jobs by an executor, kept from one `run` to the next.
 
     Leaving it cancels what has not begun; the executor is shut down if the engine has opened it.
-
-    Args:
-        entry: "module:function" that returns the handler of a process.
-        open_executor: makes an executor; again, when the last one is broken.
-        is_owned: whether the engine shuts executors down.
     """
 
-    entry: str
-    open_executor: Callable[[], Executor]
-    is_owned: bool = True
+    entry: str  # "module:function" that returns the handler of a process
+    open_executor: Callable[[], Executor]  # called again when the last one is broken
+    is_owned: bool = True  # whether the engine shuts executors down
     _executor: Executor | None = None
     _running: dict["Future[dict[str, Any]]", Job] = field(default_factory=dict)
 
@@ -64,7 +59,6 @@ class ExecutorEngine:
         """Does all jobs, as `Engine.run` says; progress is reported once a job is done.
 
         Raises:
-            BuildError: a job failed, by default.
             EngineError: there is no executor any more that takes jobs.
         """
         queue, attempts = deque(jobs), Counter[str]()

@@ -66,12 +66,9 @@ class Engine(Protocol):
     def run(
         self, jobs: Iterable[Job], progress: Report, on_failure: OnFailure = stop_at_failure
     ) -> None:
-        """Does all jobs, in any order.
+        """Does all jobs, in any order; `progress` gets what handlers report.
 
-        Args:
-            jobs: what to do.
-            progress: gets what handlers report.
-            on_failure: gets the jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
+        `on_failure` gets the jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
         """
         ...
 
@@ -90,8 +87,8 @@ def do_job(entry: str, payload: dict[str, Any]) -> dict[str, Any]:
     """Does a job in this process, which keeps the handler of `entry` for the next one.
 
     Returns:
-        `progress`, the sum of what the handler reported, or `error`, in one line or, for a bug,
-        with its traceback. Nothing is raised: not every engine can send every exception.
+        `progress`, the sum of what the handler reported, or `error`: not every engine can send
+        every exception.
     """
     reports: list[int] = []
     with _one_at_a_time:  # an engine's process may have several threads; handlers have one

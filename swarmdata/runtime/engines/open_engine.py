@@ -73,11 +73,11 @@ def do_jobs(
 
     Args:
         jobs: what to do.
-        entry: "module:function" that returns the handler.
+        entry: as `open_engine` takes it, and likewise `engine` and `folder`.
         what: the jobs in words, such as "evaluations".
-        engine: as `open_engine` takes it.
+        engine: where.
         workers: processes of the engine `local`; 1: this one, in the order of the jobs.
-        folder: what the command writes to, as `open_engine` takes it.
+        folder: what the command writes to.
         report: gets what handlers report.
 
     Raises:

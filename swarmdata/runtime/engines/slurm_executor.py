@@ -128,12 +128,9 @@ def queued_jobs() -> set[str] | None:
 
 
 def open_slurm(partition: str | None, folder: Path, minutes: int) -> Executor:
-    """Returns an executor whose calls are SLURM jobs.
+    """Returns an executor whose calls are SLURM jobs, which end after some minutes.
 
-    Args:
-        partition: of the cluster; None: its default.
-        folder: for submitit's files, which all nodes see.
-        minutes: after which SLURM ends a job; the engine then submits it again, and it resumes.
+    The partition is the default one without a name; all nodes see the folder of submitit's files.
 
     Raises:
         MissingExtraError: submitit is not installed.

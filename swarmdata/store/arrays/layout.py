@@ -20,11 +20,7 @@ from swarmdata.runtime import cache_folder
 from swarmdata.specs.plain_names import is_file_name
 
 FORMAT_VERSION = 2
-"""Newest format that is read, that of arrays in several shards.
-
-Raised only when an older library could not read the data; new keys and arrays do not raise it. A
-dataset says the lowest version that can read it, see `format_version`.
-"""
+"""Newest format that is read, that of arrays in several shards; new keys do not raise it."""
 
 DATA, MANIFEST, RECIPE, CARD = "data.zarr", cache_folder.MANIFEST, "recipe.json", "card.md"
 """Names inside a dataset's folder."""
@@ -229,19 +225,12 @@ GROUP_FILES = (f"{DATA}/zarr.json", f"{DATA}/episodes/zarr.json")
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """The byte layout of one array's files.
-
-    Args:
-        dtype: name of the NumPy and Zarr dtype.
-        shape: shape of the array.
-        chunk_rows: rows of each chunk.
-        shard_rows: rows of each file, a multiple of `chunk_rows`; None: one file has all rows.
-    """
+    """The byte layout of one array's files."""
 
     dtype: DType
     shape: tuple[int, ...]
     chunk_rows: int
-    shard_rows: int | None = None
+    shard_rows: int | None = None  # of each file, whole chunks; None: one file has all rows
 
     nbytes: int = field(init=False)  # of the array itself, at the start of the data
     n_chunks: int = field(init=False)  # of the array; none, and no file, without elements
@@ -354,15 +343,13 @@ POSSIBLE_FILES = (
     *map(metadata_file, ALL_FIELDS),
     *(array_file(name, len(field.dimensions)) for name, field in ALL_FIELDS.items()),
 )
-"""Every file that a dataset of one shard for each array can have but checkpoints, whose names are
-the recipe's; a manifest lists some of them. Further shards are known by `is_array_file`."""
+"""Every file that a dataset can have but checkpoints and further shards (`is_array_file`)."""
 
 
 def plan_shard(dtype: DType, shape: tuple[int, ...]) -> Shard:
     """Cuts an array into equal chunks of at most `CHUNK_ROWS` rows, with the least padding.
 
-    Where it has more than `SHARD_BYTES`, rows of chunks and files are powers of two or multiples of
-    such, and files have at most `SHARD_BYTES`, unless that is no whole number of pages.
+    Files have at most `SHARD_BYTES`, unless that is no whole number of pages.
     """
     row_bytes = math.prod(shape[1:]) * np.dtype(dtype).itemsize
     if shape[0] * row_bytes <= SHARD_BYTES:
