@@ -164,8 +164,7 @@ def observe_episodes(
 ) -> dict[str, NDArray[Any]]:
     """Runs the observer of a task over recorded episodes; returns `OBSERVED_ARRAYS`, read-only.
 
-    Episodes of similar length run side by side, at most `n_copies`, so that few copies wait for
-    others to end. The result does not depend on their number.
+    Episodes of similar length run side by side, at most `n_copies`, which the result does not show.
     """
     n_copies = max(1, min(n_copies, len(episodes.lengths)))
     reobserver, total = _Reobserver(task, episodes, n_copies), len(episodes.states)

@@ -69,10 +69,10 @@ def _warn_uncached() -> None:
 
 
 def cache_folder(module: str, base: str = "") -> Path:
-    """Where the compiled code of a module's functions is kept.
+    """Where the compiled code of a module's functions is kept: in `base`, such as NUMBA_CACHE_DIR.
 
-    That is in `base`, `NUMBA_CACHE_DIR` if it is set; else in `kernels` in `SWARMDATA_CACHE`, or in
-    the user's cache folder. Where somebody else has made that, `kernels-UID` beside it.
+    Without it in `kernels` in `SWARMDATA_CACHE`, or in the user's cache folder. Where somebody else
+    has made that, `kernels-UID` beside it.
     """
     return (Path(base) if base else _own_folder(_common_folder())) / digest_of(module)
 

@@ -115,19 +115,13 @@ def import_function(place: str) -> Callable[..., Any]:
 
 
 def defined_elsewhere(what: str, name: str, package: str = "") -> str:
-    """Says that something of a kind, such as a task, is not known here, and what to do.
-
-    It is no whole sentence, and names the package if that is known.
-    """
+    """Says, in no whole sentence, that something of a kind, such as a task, is not known here."""
     of = f" ({package})" if package else ""
     return f"{what} {name!r:.100}, which is defined by another package{of}: install it"
 
 
 def package_of(group: str, name: str) -> str | None:
-    """The package that defines a user's component, with its version if it is a distribution.
-
-    None for components of this package, and for those of a script or a notebook.
-    """
+    """The package of a user's component, with its version if it is a distribution; else None."""
     component = components(group).get(name)
     place = component if component is None or isinstance(component, str) else _place_of(component)
     if place is None:

@@ -26,8 +26,8 @@ class MergeOrder:
 def merge_order(recipe: Recipe, lengths: Sequence[Sequence[int] | Int]) -> MergeOrder:
     """Merges streams of episodes of these lengths until the recipe's steps are reached.
 
-    The next episode is always that of the policy that lags most behind its share of the steps
-    taken so far; ties go to the lowest index. Shares are compared as exact rationals.
+    The next episode is that of the policy that lags most behind its share of the steps so far, in
+    exact rationals; ties go to the lowest index.
 
     Raises:
         SchemaError: not one sequence per policy, or an episode without steps.

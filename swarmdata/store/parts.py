@@ -21,8 +21,7 @@ _CONSUMED = "consumed"
 def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
     """Writes consecutive episodes of one policy's stream as one part, in one rename.
 
-    A part that exists is left as it is: a part is a pure function of the recipe, so whoever wrote
-    it first wrote the same.
+    A part that exists is left as it is.
 
     Raises:
         SchemaError: no episodes, several policies, or arrays that do not fit together.

@@ -12,10 +12,11 @@ import subprocess
 import sys
 from collections import Counter, deque
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from swarmdata.errors import BuildError, SwarmdataError
 from swarmdata.runtime.engines.jobs import (
@@ -35,39 +36,39 @@ class _Worker:
     """One process, what it is doing, and the part of its output that is not yet a whole line."""
 
     process: "subprocess.Popen[bytes]"
+    stdin: IO[bytes]
+    stdout: IO[bytes]
     job: Job | None = None
     reported: int = 0
     buffer: bytes = b""
 
     def assign(self, job: Job) -> None:
         self.job, self.reported = job, 0
-        stdin = self.process.stdin
-        assert stdin is not None
-        try:
-            stdin.write(json.dumps(job.payload).encode() + b"\n")
-            stdin.flush()
-        except BrokenPipeError:
-            return  # it was killed while idle: the end of its output says so too
+        with suppress(BrokenPipeError):  # it was killed while idle: the end of its output says so
+            self.stdin.write(json.dumps(job.payload).encode() + b"\n")
+            self.stdin.flush()
 
     def messages(self) -> list[dict[str, Any]] | None:
         """The whole lines that are there to read, or None at the end of the output."""
-        stdout = self.process.stdout
-        assert stdout is not None
-        data = os.read(stdout.fileno(), 1 << 16)
+        data = os.read(self.stdout.fileno(), 1 << 16)
         if not data:
             return None
         *lines, self.buffer = (self.buffer + data).split(b"\n")
         return [json.loads(line) for line in lines]
 
+    def fail(self, problem: str, on_failure: OnFailure) -> None:
+        """Hands over that its job failed, or raises it where it has none."""
+        error = BuildError(problem)
+        if self.job is None:
+            raise error
+        on_failure(self.job, error)
+
     def stop(self) -> None:
         self.process.kill()
         self.process.wait()
-        for stream in (self.process.stdin, self.process.stdout):
-            assert stream is not None
-            try:
-                stream.close()
-            except BrokenPipeError:
-                continue  # a job that the dead worker never read
+        self.stdout.close()
+        with suppress(BrokenPipeError):  # a job that the dead worker never read
+            self.stdin.close()
 
 
 @dataclass
@@ -118,10 +119,9 @@ class Crew:
         """Starts workers until all waiting jobs have one, or there are `n_workers`."""
         n_busy = sum(worker.job is not None for worker in self._workers)
         while len(self._workers) < min(self.n_workers, n_busy + n_waiting):
-            worker = _Worker(_start(self.entry))
+            worker = _start(self.entry)
             self._workers.append(worker)
-            assert worker.process.stdout is not None
-            self._selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
+            self._selector.register(worker.stdout, selectors.EVENT_READ, worker)
 
     def _listen(self, worker: _Worker, progress: Report, on_failure: OnFailure) -> Job | None:
         """Takes a worker's messages; returns the job that was lost if the worker has ended."""
@@ -136,21 +136,17 @@ class Crew:
                 worker.reported += message["progress"]
                 progress(message["progress"])
                 continue
-            job, worker.job = worker.job, None
             if "error" in message:
-                name = job.name if job else "starting a worker"
-                error = BuildError(f"{name} failed: {message['error']}")
-                if job is None:
-                    raise error
-                on_failure(job, error)
+                name = worker.job.name if worker.job else "starting a worker"
+                worker.fail(f"{name} failed: {message['error']}", on_failure)
+            worker.job = None
             if self.renews:
                 self._remove(worker)
                 break
         return None
 
     def _remove(self, worker: _Worker) -> None:
-        assert worker.process.stdout is not None
-        self._selector.unregister(worker.process.stdout)
+        self._selector.unregister(worker.stdout)
         self._workers.remove(worker)
         worker.stop()
 
@@ -161,26 +157,25 @@ class Crew:
         self._remove(worker)
         if job is not None:
             progress(-worker.reported)
-        if code > 0:
-            error = BuildError(
-                f"a worker process ended with exit code {code} while doing "
-                f"{job.name if job else 'no job'}; its error is printed above"
-            )
-            if job is None:
-                raise error
-            on_failure(job, error)
-            return None
-        return job
+        if code <= 0:
+            return job
+        doing = job.name if job else "no job"
+        problem = f"a worker process ended with exit code {code} while doing {doing}"
+        worker.fail(f"{problem}; its error is printed above", on_failure)
+        return None
 
 
-def _start(entry: str) -> "subprocess.Popen[bytes]":
+def _start(entry: str) -> _Worker:
     code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({entry!r})"
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-c", code],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")},
     )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    return _Worker(process, process.stdin, process.stdout)
 
 
 def _killed(job: Job, code: int) -> BuildError:
