@@ -36,8 +36,6 @@ DIGEST = re.compile(r"digest ([0-9a-f]{64})$")
 
 @dataclass(frozen=True)
 class Built:
-    """What came of one build."""
-
     digest: str  # empty if it failed
     message: str  # why it failed
     seconds: float
@@ -67,7 +65,6 @@ def build(
 
 
 def finish(line: Sequence[str], variant: Variant) -> Built:
-    """Runs a build to its end."""
     begin = time.perf_counter()
     run = python(*line, env=variant.variables(), check=False)
     seconds = time.perf_counter() - begin
@@ -133,14 +130,12 @@ def row(
 
 
 def is_clean(cells: Sequence[str]) -> bool:
-    """Whether nothing differs in a row."""
     _, against, default, *others = cells
     is_same = all(cell in ("same", "—") for cell in others)
     return against in ("same", "none", "—") and default != "FAILED" and is_same
 
 
 def arguments(words: Sequence[str] | None) -> argparse.Namespace:
-    """Reads the command line."""
     names = [variant.name for variant in variants()]
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("--only", nargs="+", metavar="ID", help="datasets; default every mini")
@@ -150,7 +145,6 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Returns 1 if any digest differs."""
     options = arguments(words)
     minis = [name for name in shipped_recipes() if "-mini-v" in name]
     chosen = [find_recipe(name).id for name in options.only] if options.only else minis

@@ -37,8 +37,6 @@ N_STEPS = 300_000
 
 
 class Row(NamedTuple):
-    """One line of the table."""
-
     work: str
     against: str
     ratio: Rate
@@ -65,7 +63,6 @@ def vmas_of(n_agents: int) -> Run | None:
 
 
 def random_rows() -> Iterator[Row]:
-    """Steps with random actions against VMAS."""
     for n in (4, 8, 16):
         work = f"steps, {n} robots, 64 copies, random actions"
         spec = team(n)
@@ -83,7 +80,6 @@ def acted_rows() -> Iterator[Row]:
 
 
 def one_rows() -> Iterator[Row]:
-    """One copy against MPE2."""
     spec = team(4)
     yield from compared("steps, 4 robots, 1 copy", swarm(spec, 1), physics(spec, 1), MPE2=mpe2(4))
 
@@ -159,7 +155,6 @@ def flashbax_batches(dataset: Dataset, batch_size: int, length: int) -> Run | No
 
 
 def batch_rows(dataset: Dataset, batch_size: int, length: int | None) -> Iterator[Row]:
-    """Batches against the buffers of others."""
     arguments = dataset, batch_size, length
     ours, limit = ours_batches(*arguments), copy_batches(*arguments)
     TorchRL = torchrl_batches(*arguments)
@@ -201,7 +196,6 @@ INTRO = (
 
 
 def main() -> None:
-    """Measures the rows named on the command line, all by default, on the last core."""
     use_last_core()
     names = sys.argv[1:] or list(ROWS)
     rows = []

@@ -64,7 +64,6 @@ def in_fresh_process(name: str, path: Path) -> dict[str, float]:
 
 
 def compare(folder: Path, names: list[str]) -> str:
-    """Measures all formats in turns; returns the table."""
     rounds = [
         {name: in_fresh_process(name, folder / FORMATS[name].file) for name in names}
         for _ in range(ROUNDS)

@@ -165,7 +165,6 @@ HEAD = (
 def networks_rows(
     name: str, data: Any, hidden: int, arguments: argparse.Namespace
 ) -> list[tuple[str, ...]]:
-    """Measures networks of one size."""
     plain = (PlainBC if name == "bc" else PlainTD3BC)(tensors_of(data), hidden, BATCH)
     work = operations(plain.train)
     runs: dict[str, Update] = {
@@ -188,7 +187,6 @@ def networks_rows(
 
 
 def main() -> None:
-    """Measures and writes the section."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--eager", action="store_true", help="without the compiled runs")
     parser.add_argument("--seconds", type=float, default=0.4, help="of each turn")

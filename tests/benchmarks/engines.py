@@ -59,7 +59,6 @@ def timed(advance: Callable[[int], object], n_copies: int) -> Run:
 
 
 def swarm(spec: TaskSpec, n_copies: int) -> Run:
-    """E copies of a task, through `VecEnv`."""
     env = make_env(spec, n_copies)
     shape = (N_ACTIONS, n_copies, spec.n_agents, env.action_size)
     actions = np.random.default_rng(0).uniform(-1, 1, shape)
@@ -85,7 +84,6 @@ def swarm_parallel(spec: TaskSpec) -> Run:
 
 
 def _parallel(env: Any, draw: Callable[[np.random.Generator], Any]) -> Run:
-    """An environment of PettingZoo, with random actions of each agent."""
     rng = np.random.default_rng(0)
     env.reset(seed=0)
     actions = [{name: draw(rng) for name in env.possible_agents} for _ in range(N_ACTIONS)]

@@ -65,8 +65,6 @@ Errors = dict[Threshold, int]
 
 @dataclass(frozen=True)
 class Row:
-    """A dataset with its scores and statistics."""
-
     dataset: str  # id without version
     scores: Mapping[str, float]  # by label of the study, without ablations
     statistics: EpisodeStatistics
@@ -106,12 +104,10 @@ def read_rows(study: Path = FITTED_STUDY) -> list[Row]:
 
 
 def read_later_rows() -> list[Row]:
-    """The datasets of the studies that are not part of the fit."""
     return [row for study in LATER_STUDIES for row in read_rows(study)]
 
 
 def read_measured() -> dict[str, EpisodeStatistics]:
-    """The statistics of each dataset that was measured."""
     with MEASURED.open(encoding="utf-8") as file:
         rows = {row.pop("dataset"): row for row in csv.DictReader(file)}
     return {

@@ -26,8 +26,6 @@ OURS, MINARI = "ours", "minari"
 
 @dataclass(frozen=True)
 class Format:
-    """How one format is written and loaded."""
-
     file: str  # name of its file or folder
     packages: tuple[str, ...]  # what it needs beside ours
     write: Callable[[Dataset, Path], None]  # makes it from our dataset

@@ -30,7 +30,6 @@ class Rate(NamedTuple):
 
     @classmethod
     def of(cls, values: list[float]) -> "Rate":
-        """Of the rounds' values."""
         return cls(float(np.median(values)), min(values), max(values))
 
     def __str__(self) -> str:
@@ -58,7 +57,6 @@ def interleave(runs: Mapping[str, Run], rounds: int = 5, seconds: float = 0.4) -
 
 
 def use_last_core() -> None:
-    """Keeps this process, and those that it starts, on the last of its cores."""
     if hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 

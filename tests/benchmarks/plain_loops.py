@@ -47,7 +47,6 @@ class Critic(nn.Module):
 
 
 def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
-    """Polyak averaging, parameter by parameter."""
     for slow, fast in zip(target.parameters(), source.parameters(), strict=True):
         slow.data.copy_((1 - tau) * slow.data + tau * fast.data)
 
@@ -65,13 +64,11 @@ class PlainBC:
         self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=3e-3)
 
     def sample(self) -> dict[str, Tensor]:
-        """Rows drawn with replacement."""
         n_rows = len(self.data["actions"])
         index = np.random.randint(0, n_rows, size=self.batch_size)  # noqa: NPY002
         return {name: tensor[index] for name, tensor in self.data.items()}
 
     def train(self) -> dict[str, float]:
-        """One update."""
         batch = self.sample()
         loss = mse_loss(self.actor(batch["observations"]), batch["actions"])
         self.optimizer.zero_grad()
@@ -100,7 +97,6 @@ class PlainTD3BC(PlainBC):
         self.critic_2_optimizer = torch.optim.Adam(self.critic_2.parameters(), lr=3e-3)
 
     def train(self) -> dict[str, float]:
-        """One update."""
         self.total_it += 1
         batch = self.sample()
         x, actions = batch["x"], batch["actions"]

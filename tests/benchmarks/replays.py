@@ -113,5 +113,4 @@ class Replay:
 
     @property
     def reset_share(self) -> float:
-        """Share of the time so far that went into resets."""
         return self._resetting / (self._stepping + self._resetting)

@@ -42,8 +42,6 @@ class Probe(NamedTuple):
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to build a dataset."""
-
     name: str
     environment: Mapping[str, str] = field(default_factory=dict)
     n_workers: int = 1
@@ -52,7 +50,6 @@ class Variant:
     obstacle: Callable[[Probe], str] = field(default=lambda probe: "", repr=False)
 
     def variables(self) -> dict[str, str]:
-        """The whole environment of its processes."""
         kept = {name: value for name, value in os.environ.items() if name not in CLEARED}
         threads = dict.fromkeys(THREAD_VARIABLES, str(self.n_threads))
         return {**kept, **threads, **self.environment}
@@ -65,7 +62,6 @@ class Variant:
 
 
 def probe() -> Probe:
-    """What the libraries of this interpreter do."""
     blas = next((each for each in threadpool_info() if each["internal_api"] == "openblas"), None)
     if blas is None:
         return Probe(None, 1, found_features())

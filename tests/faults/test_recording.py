@@ -91,7 +91,6 @@ def test_kill_while_recording(tmp_path: Path) -> None:
 
 
 def interrupted(path: Path, n_episodes: int) -> Path:
-    """A recording that nobody finished."""
     recorder = Recorder(Counting(), id=ID, path=path)
     play(recorder, n_episodes, steady)
     recorder.pause()

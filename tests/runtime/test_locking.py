@@ -52,7 +52,6 @@ with locked(Path(sys.argv[1]), shown=False):
 
 
 def start_three(code: str, path: Path) -> None:
-    """Three processes at once, which end well."""
     processes = [start(code, path) for _ in range(3)]
     results = [process.communicate(timeout=300) for process in processes]
     assert [process.returncode for process in processes] == [0, 0, 0], results

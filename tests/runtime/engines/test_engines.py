@@ -97,7 +97,6 @@ def ray_cluster() -> Iterator[str]:
 
 
 def answers(port: int) -> bool:
-    """Whether a server takes connections."""
     with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
         return True
     return False

@@ -59,7 +59,6 @@ def shapes_of(env: VecEnv) -> dict[str, tuple[int, ...]]:
 
 
 def columns_of(attributes: dict[str, Any]) -> Iterator[list[dict[str, Any]]]:
-    """The columns of an array, of each agent where they differ."""
     if "columns" in attributes:
         yield attributes["columns"]
     yield from attributes.get("columns_of_agents", {}).values()
@@ -98,7 +97,6 @@ def test_every_column_of_every_preset_is_named(name: str) -> None:
 
 
 def check_weights(task: Any) -> None:
-    """Every weight of the reward is in one term."""
     weights = dict(task.spec.rules.rewards)
     share = weights.pop("team_share")
     terms = reward_terms(task)
