@@ -55,7 +55,7 @@ def make_share(
     parts = _opened(recipe, out, checkpoints)
     if parts is None:
         return []
-    exchange = None if remote is None else PartExchange.open(parts, remote)
+    exchange = None if remote is None else PartExchange(parts, remote)
     if exchange is not None:
         exchange.receive(share, n_shares)
         exchange.send()  # what a killed process had made
@@ -88,7 +88,7 @@ def receive_parts(
         RecipeConflictError: `out` or its parts belong to another recipe.
     """
     parts = _opened(recipe, out, checkpoints)
-    return 0 if parts is None else PartExchange.open(parts, remote).receive()
+    return 0 if parts is None else PartExchange(parts, remote).receive()
 
 
 def _opened(recipe: Recipe, out: Path, checkpoints: Path | None) -> Parts | None:

@@ -39,7 +39,7 @@ from swarmdata.store.arrays.layout import (
     ArrayPlan,
     DType,
     Shard,
-    plan_arrays,
+    plan_array,
 )
 from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.types import shortened
@@ -87,14 +87,9 @@ class ArrayEntry(_Section):
     checksums: Annotated[tuple[Xxh3, ...], Field(strict=False)]
 
     @property
-    def layout(self) -> tuple[DType, tuple[int, ...], int, int | None]:
-        """What decides the bytes of the array's files."""
-        return self.dtype, self.shape, self.chunk_rows, self.shard_rows
-
-    @property
     def shard(self) -> Shard:
         """The byte layout of the array's files."""
-        return Shard(*self.layout)
+        return Shard(self.dtype, self.shape, self.chunk_rows, self.shard_rows)
 
     @model_validator(mode="after")
     def _whole_pages(self) -> Self:
@@ -136,7 +131,7 @@ class Manifest(_Section):
     @cached_property
     def plan(self) -> dict[str, ArrayPlan]:
         """Where each array lies, and what its file and its Zarr metadata must be."""
-        return plan_arrays({name: each.layout for name, each in self.arrays.items()})
+        return {name: plan_array(name, each.shard) for name, each in self.arrays.items()}
 
     @property
     def transport_digest(self) -> str:

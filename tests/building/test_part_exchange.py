@@ -23,20 +23,19 @@ from tests.support.command_line import run
 pytestmark = pytest.mark.usefixtures("one_process")
 
 
-@pytest.fixture
-def shelf(tmp_path: Path) -> FolderRemote:
-    (tmp_path / "shelf").mkdir()
-    return FolderRemote((tmp_path / "shelf").as_uri())
-
-
 def bucket(folder: Path) -> Remote:
     fsspec.filesystem("memory").store.clear()
     return BucketRemote("memory://parts")
 
 
-def folder(folder: Path) -> Remote:
+def folder(folder: Path) -> FolderRemote:
     (folder / "shelf").mkdir()
     return FolderRemote((folder / "shelf").as_uri())
+
+
+@pytest.fixture
+def shelf(tmp_path: Path) -> FolderRemote:
+    return folder(tmp_path)
 
 
 @pytest.mark.slow
@@ -98,7 +97,7 @@ def test_a_part_is_packed_into_the_same_bytes(shelf: FolderRemote, tmp_path: Pat
     for name in ("a", "b"):
         make_share(SMALL, tmp_path / name / "d", 1, 2)
         parts = Parts(SMALL, build_folder(tmp_path / name / "d"))
-        exchange = PartExchange.open(parts, shelf)
+        exchange = PartExchange(parts, shelf)
         exchange.there.clear()
         exchange.send()
     exchange.look()  # raises if they differ

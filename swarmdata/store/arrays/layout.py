@@ -304,15 +304,9 @@ class ArrayPlan(NamedTuple):
     metadata: dict[str, Any]  # `expected_metadata`
 
 
-def plan_arrays(
-    arrays: Mapping[str, tuple[DType, tuple[int, ...], int, int | None]],
-) -> dict[str, ArrayPlan]:
-    """Plans all arrays of a dataset: dtype, shape, rows of each chunk and of each file, by name."""
-    shards = {name: Shard(*entry) for name, entry in arrays.items()}
-    return {
-        n: ArrayPlan(shard, array_files(n, shard), metadata_file(n), expected_metadata(shard))
-        for n, shard in shards.items()
-    }
+def plan_array(name: str, shard: Shard) -> ArrayPlan:
+    """Where an array of this layout lies, and what Zarr says of it."""
+    return ArrayPlan(shard, array_files(name, shard), metadata_file(name), expected_metadata(shard))
 
 
 def array_files(name: str, shard: Shard) -> tuple[str, ...]:
