@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -203,16 +204,13 @@ def test_killed_in_the_middle_leaves_nothing(
     abandoned(tmp_path / "out")
     others = abandoned(tmp_path / "out-more")
     with monkeypatch.context() as patch:
-        patch.setattr("swarmdata.store.assembly.create_metadata", _no_space)
+        full = OSError("no space left on device")
+        patch.setattr("swarmdata.store.assembly.create_metadata", Mock(side_effect=full))
         with pytest.raises(OSError, match="no space"):
             filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
     assert [p.name for p in tmp_path.iterdir()] == [others.name]
     made = filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
     assert made.digest == Dataset.open(tmp_path / "out", verify="full").digest
-
-
-def _no_space(*_: object) -> None:
-    raise OSError("no space left on device")
 
 
 def test_edits_of_edits_are_made_again(source: Dataset, other: Dataset, tmp_path: Path) -> None:

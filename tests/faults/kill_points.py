@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -174,8 +175,8 @@ def make_parts(folder: Path) -> Path:
     """The finished parts of the tiny dataset."""
     folder.mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.delattr(build_module, "assemble")
-        with pytest.raises(NameError):
+        patch.setattr(build_module, "assemble", Mock(side_effect=InterruptedError))
+        with pytest.raises(InterruptedError):
             make_tiny(folder / TINY.id)
     return build_folder(folder / TINY.id)
 

@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -151,11 +152,8 @@ def test_all_is_on_the_disk_before_it_has_its_name_and_the_name_before_the_end(
 ) -> None:
     """Power may fail at any moment: what can be seen afterwards is whole."""
     flushed: list[Path] = []
-
-    def flush(descriptor: int) -> None:
-        flushed.append(Path(f"/proc/self/fd/{descriptor}").readlink())
-
-    monkeypatch.setattr(os, "fsync", flush)
+    opened = Path("/proc/self/fd")
+    monkeypatch.setattr(os, "fsync", lambda file: flushed.append((opened / str(file)).readlink()))
     with staged(tmp_path / "x") as target:
         if is_folder:
             (target / "deep").mkdir(parents=True)
@@ -272,11 +270,9 @@ def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
 def test_what_cannot_be_made_is_named_as_the_caller_did(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    def refuse(path: Path, *arguments: object, **options: object) -> None:
-        raise OSError(number, os.strerror(number), str(path))
-
     (tmp_path / "x").touch()
-    monkeypatch.setattr(os, "mkdir", refuse)
+    error = OSError(number, os.strerror(number), str(tmp_path / "temporary"))
+    monkeypatch.setattr(os, "mkdir", Mock(side_effect=error))
     with pytest.raises(OSError, match=os.strerror(number)) as caught:
         write_file(tmp_path / "x", b"new")
     assert caught.value.filename == str(tmp_path / "x")
@@ -293,10 +289,7 @@ def test_without_locks_nothing_is_removed_and_everything_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     half = abandoned(tmp_path / "x")
-
-    def refuse(descriptor: int, operation: int) -> None:
-        raise OSError(errno.ENOLCK, "No locks available")
-
+    refuse = Mock(side_effect=OSError(errno.ENOLCK, "No locks available"))
     monkeypatch.setattr(fcntl, "flock", refuse)
     write_file(tmp_path / "x", b"new")
     assert names(tmp_path) == [half.name, "x"]

@@ -10,6 +10,7 @@ import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from numba.core import config
@@ -137,10 +138,7 @@ def test_a_cache_that_cannot_be_written_is_said_once(
     cache: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 61: a full disk was a raw OSError."""
-
-    def refuse(*arguments: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
+    refuse = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
     monkeypatch.setattr(IndexDataCacheFile, "_open_for_write", refuse)
     with caplog.at_level(logging.WARNING, "swarmdata"):
         assert [each(3.0) for each in compiled_twice()] == [1.5, 1.5]
@@ -169,23 +167,16 @@ def test_a_kernel_that_fails_lets_others_compile_it_and_leaves_the_collector_as_
 def test_where_no_lock_can_be_made_every_process_compiles(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*arguments: object) -> None:
-        raise OSError(errno.EIO, "the disk is broken")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-
+    broken = Mock(side_effect=OSError(errno.EIO, "the disk is broken"))
+    monkeypatch.setattr(fcntl, "flock", broken)
     assert [each(3.0) for each in compiled_twice()] == [1.5, 1.5]
 
 
 def test_one_does_not_wait_for_ever(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The process that compiles may have been stopped."""
-
-    def refuse(*arguments: object) -> None:
-        raise BlockingIOError(errno.EAGAIN, "held by another process")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    held = Mock(side_effect=BlockingIOError(errno.EAGAIN, "held by another process"))
+    monkeypatch.setattr(fcntl, "flock", held)
     monkeypatch.setattr(kernel_cache, "MAX_WAIT", 0.2)
-
     assert compiled_twice()[0](3.0) == 1.5
 
 

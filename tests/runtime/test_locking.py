@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -171,11 +172,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on some mounts of NFS, Lustre and FUSE."""
     number = getattr(request, "param", errno.ENOLCK)
-
-    def refuse(descriptor: int, operation: int) -> None:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    monkeypatch.setattr(fcntl, "flock", Mock(side_effect=OSError(number, os.strerror(number))))
 
 
 @pytest.mark.parametrize(("shown", "n_lines"), [(True, 4), (False, 3)])
@@ -284,13 +281,9 @@ def test_no_process_locks_a_file_that_another_one_removes(
     lock.release()
 
 
-def test_another_error_of_the_system_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(descriptor: int, operation: int) -> None:
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
+@pytest.mark.usefixtures("no_locks")
+@pytest.mark.parametrize("no_locks", [errno.EIO], indirect=True)
+def test_another_error_of_the_system_is_named(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="Input/output error"), locked(tmp_path / "x"):
         pass
     assert list(tmp_path.iterdir()) == []
