@@ -8,14 +8,13 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections import namedtuple
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
-from unittest.mock import Mock
+from unittest.mock import DEFAULT, Mock
 
 import pytest
 
@@ -125,14 +124,8 @@ def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As TensorStore's do: the first of their errors is raised, the others go on."""
-    remove, calls = shutil.rmtree, []
-
-    def late(folder: Path) -> None:
-        calls.append(folder)
-        if len(calls) < 3:
-            raise OSError(errno.ENOTEMPTY, "Directory not empty", str(folder))
-        remove(folder)
-
+    busy = OSError(errno.ENOTEMPTY, "Directory not empty")
+    late = Mock(wraps=shutil.rmtree, side_effect=[busy, busy, DEFAULT, DEFAULT])
     monkeypatch.setattr(shutil, "rmtree", late)
 
     def fail() -> None:
@@ -142,7 +135,7 @@ def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
 
     with pytest.raises(ValueError, match="the first"):
         fail()
-    assert len(calls) == 4  # twice in vain, then the folder inside, and ours
+    assert late.call_count == 4  # twice in vain, then the folder inside, and ours
     assert not list(tmp_path.glob(".tmp-*"))
 
 
@@ -241,11 +234,8 @@ def test_a_full_disk_or_quota_is_one_error(tmp_path: Path, number: int) -> None:
 def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = os.statvfs(tmp_path)
-    Disk = namedtuple("Disk", "f_bavail f_frsize f_files f_favail")
-
     def disk(free: int, inodes: int) -> None:
-        made = Disk(free, 1, max(1, found.f_files), inodes)
+        made = Mock(f_bavail=free, f_frsize=1, f_files=9999, f_favail=inodes)
         monkeypatch.setattr(os, "statvfs", lambda path: made)
 
     def fail(error: Exception) -> None:
