@@ -1,7 +1,7 @@
 """Failures, the one rule of commands that do several things: a bad item never sinks the others."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 
 from swarmdata.errors import BatchError, DiskFullError, SwarmdataError
@@ -20,9 +20,12 @@ class Failures:
     """Gets a line about each failure when it happens."""
     reasons: dict[str, str] = field(default_factory=dict)  # why items failed, by name
 
-    @contextmanager
-    def item(self, name: str) -> Iterator[None]:
+    def item(self, name: str) -> AbstractContextManager[None, bool]:
         """A block that does what belongs to one item; an error is noted and ends the block only."""
+        return self._item(name)  # type: ignore[return-value]  # it is not known to end errors
+
+    @contextmanager
+    def _item(self, name: str) -> Iterator[None]:
         try:
             yield
         except DiskFullError:

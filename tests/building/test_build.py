@@ -84,15 +84,6 @@ def start_build(folder: Path, out: Path) -> "subprocess.Popen[bytes]":
 
 
 @pytest.mark.slow
-def test_processes_give_the_digest_of_one(tmp_path: Path, digest: str) -> None:
-    folder = build(make_recipe(), tmp_path / "d", workers=2, progress=False)
-
-    assert read_manifest(folder).digest == digest
-    assert [path.name for path in tmp_path.iterdir()] == ["d"]
-    Dataset.open(folder, verify="full")
-
-
-@pytest.mark.slow
 def test_kills_at_random_moments_change_nothing(tmp_path: Path, digest: str) -> None:
     out, rng = tmp_path / "d", random.Random(3)
     for _ in range(3):

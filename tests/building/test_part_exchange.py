@@ -19,6 +19,7 @@ from swarmdata.store import read_manifest
 from tests.building.conftest import SMALL
 from tests.support.at_once import run_at_once
 from tests.support.command_line import run
+from tests.support.tiny import flip
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
@@ -76,10 +77,7 @@ def test_a_machine_goes_on_where_another_one_died(
 
 def test_a_damaged_part_is_not_taken(shelf: FolderRemote, tmp_path: Path) -> None:
     make_share(SMALL, tmp_path / "d", 1, 1, remote=shelf)
-    file = next((tmp_path / "shelf").rglob("*.tar"))
-    content = bytearray(file.read_bytes())
-    content[1000] ^= 1
-    file.write_bytes(content)
+    flip(next((tmp_path / "shelf").rglob("*.tar")), 1000)
     with pytest.raises(ChecksumError, match="is damaged: its content has another SHA-256"):
         receive_parts(SMALL, tmp_path / "other" / "d", shelf)
 

@@ -19,6 +19,7 @@ from numba.core.caching import IndexDataCacheFile
 from swarmdata.runtime import kernel_cache
 from swarmdata.runtime.kernel_progress import PROGRESS
 from swarmdata.runtime.kernels import kernel
+from tests.support.tiny import flip
 
 
 def compiled_twice() -> list[Callable[[float], float]]:
@@ -107,13 +108,9 @@ def test_what_root_has_compiled_is_read_by_all(
     assert not list((tmp_path / "kernels-4242").rglob("*.nb?")), "it was not compiled again"
 
 
-def flip(file: Path) -> None:
-    content = bytearray(file.read_bytes())
-    content[-40] ^= 1
-    file.write_bytes(content)
-
-
-@pytest.mark.parametrize(("kind", "damage"), [("*.nbi", cut), ("*.nbc", cut), ("*.nbc", flip)])
+@pytest.mark.parametrize(
+    ("kind", "damage"), [("*.nbi", cut), ("*.nbc", cut), ("*.nbc", lambda file: flip(file, -40))]
+)
 def test_a_damaged_file_is_compiled_again_and_said_once(
     cache: Path, caplog: pytest.LogCaptureFixture, kind: str, damage: Callable[[Path], None]
 ) -> None:
