@@ -13,8 +13,8 @@ from swarmdata.behavior_policies.checkpoint_files import own_checkpoints
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.engines.crew import Crew
-from swarmdata.runtime.engines.jobs import Engine, Job, Report, usable_cores
-from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
+from swarmdata.runtime.engines.jobs import Job, Report, usable_cores
+from swarmdata.runtime.engines.open_engine import LOCAL, Engine, open_engine
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, remove_leftovers

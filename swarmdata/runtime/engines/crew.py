@@ -98,7 +98,11 @@ class Crew:
         progress: Report = lambda amount: None,
         on_failure: OnFailure = stop_at_failure,
     ) -> None:
-        """Does all jobs, as `Engine.run` says; BuildError if a worker could not start."""
+        """Does all jobs, in any order; `progress` gets what handlers report.
+
+        Raises:
+            BuildError: a worker could not start; or a job failed, by default.
+        """
         queue, attempts = deque(jobs), Counter[str]()
         while queue or any(worker.job for worker in self._workers):
             self._hire(len(queue))

@@ -56,7 +56,7 @@ class ExecutorEngine:
         progress: Report = lambda amount: None,
         on_failure: OnFailure = stop_at_failure,
     ) -> None:
-        """Does all jobs, as `Engine.run` says; progress is reported once a job is done.
+        """Does all jobs, as `Crew.run`, but progress is reported once a job is done.
 
         Raises:
             EngineError: there is no executor any more that takes jobs.

@@ -6,9 +6,9 @@ Its result is what it leaves in files, written in one rename: doing it twice is 
 import os
 import threading
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any
 
 from swarmdata.errors import BuildError, SwarmdataError
 from swarmdata.runtime.own_components import import_component
@@ -48,29 +48,12 @@ class Job:
 
 
 OnFailure = Callable[[Job, BuildError], None]
-"""Gets a job that failed, and why; the others go on."""
+"""Gets a job that raised an error, or was lost `MAX_ATTEMPTS` times; the others go on."""
 
 
 def stop_at_failure(_job: Job, error: BuildError) -> None:
     """Raises the error: the first failure ends the whole run."""
     raise error
-
-
-class Engine(Protocol):
-    """Does jobs of one kind in several processes; a context manager, which ends them."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def run(
-        self, jobs: Iterable[Job], progress: Report, on_failure: OnFailure = stop_at_failure
-    ) -> None:
-        """Does all jobs, in any order; `progress` gets what handlers report.
-
-        `on_failure` gets the jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
-        """
-        ...
 
 
 def load_handler(entry: str) -> Handler:

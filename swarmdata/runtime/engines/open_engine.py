@@ -11,10 +11,13 @@ from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.cluster_executors import open_dask, open_ray
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
-from swarmdata.runtime.engines.jobs import Engine, Job, Report, load_handler
+from swarmdata.runtime.engines.jobs import Job, Report, load_handler
 from swarmdata.runtime.engines.slurm_executor import open_slurm
 
 LOCAL = "local"
+
+Engine = Crew | ExecutorEngine
+"""Does jobs of one kind in several processes; a context manager, which ends them."""
 
 SLURM_MINUTES = 60
 """Length of a SLURM job, unless the engine's name says another."""
