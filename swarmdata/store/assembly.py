@@ -44,7 +44,7 @@ from swarmdata.store.parts import (
     read_part_table,
 )
 from swarmdata.store.split_rule import assign_splits
-from swarmdata.store.table import SPLITS, EpisodeTable, table_columns
+from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Bool, Counts
 
 Parts = Mapping[int, Sequence[Path]]
@@ -197,7 +197,7 @@ def _planned(source: Source, name: str) -> Shard:
     """The byte layout of an array: a column of the episode table, or one over time."""
     table, rows = source.table, ALL_FIELDS[name].rows
     if rows == "episodes":
-        return plan_shard(ALL_FIELDS[name].dtype, table_columns(table)[name].shape)
+        return plan_shard(ALL_FIELDS[name].dtype, table.columns("episodes/")[name].shape)
     n_rows = int(table.lengths.sum()) + (len(table) if rows == "states" else 0)
     return plan_shard(source.dtype(name), (n_rows, *source.row_shape(name)))
 
@@ -205,7 +205,7 @@ def _planned(source: Source, name: str) -> Shard:
 def _blocks(source: Source, name: str, dtype: DType) -> Iterator[NDArray[Any]]:
     """The rows of an array in its dtype."""
     if ALL_FIELDS[name].rows == "episodes":
-        return iter([table_columns(source.table)[name]])
+        return iter([source.table.columns("episodes/")[name]])
     return (block.astype(dtype, copy=False) for block in source.blocks(name))
 
 

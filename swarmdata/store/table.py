@@ -1,6 +1,6 @@
 """EpisodeTable, one column per fact about an episode, and how a row is measured from an Episode."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, overload
 
@@ -114,9 +114,9 @@ class EpisodeTable:
         """Returns the rows `indices`, in that order."""
         return EpisodeTable(**{name: column[indices] for name, column in self.columns().items()})
 
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """The columns by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+    def columns(self, prefix: str = "") -> dict[str, NDArray[Any]]:
+        """The columns by name, which begins with `prefix`."""
+        return {f"{prefix}{field.name}": getattr(self, field.name) for field in fields(self)}
 
 
 PART_COLUMNS = np.dtype(
@@ -162,11 +162,6 @@ def measure(episode: Episode) -> tuple[int, int, int, int, float, int, int]:
     obstacle = int(onsets[EVENTS.index("obstacle_onsets")])
     head = (len(episode), episode.seed, episode.policy, episode.end_reason)
     return (*head, episode.team_return, robot // 2, obstacle)
-
-
-def table_columns(table: EpisodeTable) -> Mapping[str, NDArray[Any]]:
-    """The columns by array name, `episodes/...`."""
-    return {f"episodes/{name}": column for name, column in table.columns().items()}
 
 
 def team_returns(table: EpisodeTable, rewards: Float) -> Double:
