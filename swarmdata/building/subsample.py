@@ -18,11 +18,6 @@ N_RETURN_BINS = 20
 """Bins of returns, each with as many episodes of the dataset that is matched."""
 
 
-def keys_of(table: EpisodeTable, seed: int) -> Seeds:
-    """A random number for each episode, [n]."""
-    return derive(seed, table.seeds)
-
-
 def sized(table: EpisodeTable, n_steps: int, seed: int) -> Int:
     """Chooses episodes of at least `n_steps` joint steps, as few as their order allows; increasing.
 
@@ -33,9 +28,8 @@ def sized(table: EpisodeTable, n_steps: int, seed: int) -> Int:
         SchemaError: there are not so many steps.
     """
     strata = table.policy.astype(np.int64) * 256 + table.split
-    return _prefix(
-        table.lengths, proportional(table.lengths, strata, keys_of(table, seed)), n_steps
-    )
+    order = proportional(table.lengths, strata, derive(seed, table.seeds))
+    return _prefix(table.lengths, order, n_steps)
 
 
 def _prefix(lengths: Int, order: Int, n_steps: int) -> Int:
@@ -99,7 +93,7 @@ def matched(table: EpisodeTable, target: Double, n_steps: int | None, bins: int,
             "source with such episodes."
         )
     scarce = min(range(n_bins), key=lambda k: Fraction(counts[k], wanted[k]))
-    keys = keys_of(table, seed)
+    keys = derive(seed, table.seeds)
     taken = []
     for k in range(n_bins):
         pool = np.flatnonzero(mine == k)
