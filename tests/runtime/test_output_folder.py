@@ -90,7 +90,7 @@ def test_what_is_in_the_way_of_a_new_file_is_named_and_nothing_changed(
     new, deep = folder / "new", folder / "deep"
     plant: dict[str, Callable[[], object]] = {
         "file": lambda: new.write_text("mine"),
-        "folder": lambda: (new.mkdir(), (new / "x").write_text("mine")),
+        "folder": lambda: write(new, x="mine"),
         "link": lambda: new.symlink_to(tmp_path / "nowhere"),
         "linked folder": lambda: deep.symlink_to(elsewhere),
         "file for a folder": lambda: deep.write_text("mine"),

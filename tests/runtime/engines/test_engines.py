@@ -6,9 +6,9 @@ import os
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import pytest
@@ -102,7 +102,7 @@ def answers(port: int) -> bool:
     return False
 
 
-STARTS = {
+STARTS: dict[str, tuple[Callable[[], AbstractContextManager[str | Executor]], str | None]] = {
     "local": (lambda: nullcontext("local"), None),
     "executor": (pool, None),
     "dask": (dask_cluster, "distributed"),
