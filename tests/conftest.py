@@ -123,7 +123,6 @@ def one_command_line() -> Iterator[None]:
 
 @pytest.fixture(scope="module")
 def one_process() -> Iterator[None]:
-    """Everything is built in this process."""
     from tests.support.one_process import use_one_process
 
     with pytest.MonkeyPatch.context() as patch:

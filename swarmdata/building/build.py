@@ -13,14 +13,15 @@ from swarmdata.behavior_policies.checkpoint_files import own_checkpoints
 from swarmdata.building.parts_folder import Parts, build_folder
 from swarmdata.runtime.atomic import is_vacant
 from swarmdata.runtime.engines.crew import Crew
-from swarmdata.runtime.engines.jobs import Engine, Job, Report, usable_cores
-from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
+from swarmdata.runtime.engines.jobs import Job, Report, usable_cores
+from swarmdata.runtime.engines.open_engine import LOCAL, Engine, open_engine
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store import Manifest, remove_leftovers
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
 from swarmdata.store.assembly import assemble
 from swarmdata.store.manifest import is_finished, note_build
+from swarmdata.store.table import n_steps_of
 
 PART_MAKER = "swarmdata.building.part_maker:part_maker"
 
@@ -38,16 +39,15 @@ def build(
 
     Parts are collected in `<out>.build` and removed at the end. Kill the process at any time and
     call again: finished parts are kept, and the dataset is the same. Where another process builds
-    the same dataset, this one waits for it. A disk without room for parts and dataset together is
-    enough: parts are then deleted while they are joined, and made again if that is interrupted.
+    the same dataset, this one waits for it. Without room for parts and dataset together, parts are
+    deleted while they are joined, and made again if that is interrupted.
 
     Args:
         recipe: what to make.
         out: the dataset's folder; where it is finished already, nothing is done.
         checkpoints: a folder with a folder `checkpoints`, which has the networks that the recipe
-            names and the package does not have, such as that of a dataset of the recipe. They are
-            copied into the new dataset. None: there are none, or a build that was interrupted has
-            them already.
+            names and the package does not have; they are copied. None: there are none, or a build
+            that was interrupted has them already.
         workers: processes of the engine `local` that simulate; by default one for each core.
         engine: where parts are made: `local`, `dask://HOST:PORT`, `slurm[:PARTITION]`, `ray`, or an
             executor. All see the folder of `out`.
@@ -140,11 +140,8 @@ def _make(parts: Parts, out: Path, makers: Engine, progress: bool) -> Manifest:
 
 
 def _finish(recipe: Recipe, out: Path, makers: Engine) -> None:
-    """Writes the dataset's card.
-
-    Workers of this machine have loaded the compiled code that it needs, which takes seconds.
-    """
-    if isinstance(makers, Crew):
+    """Writes the dataset's card."""
+    if isinstance(makers, Crew):  # its workers have loaded compiled code, which takes seconds
         makers.run([Job(f"the card of {recipe.id}", {"finish": str(out.resolve())})])
     else:
         from swarmdata.cards.side_files import finish  # noqa: PLC0415
@@ -155,7 +152,7 @@ def _finish(recipe: Recipe, out: Path, makers: Engine) -> None:
 @contextmanager
 def _bar(recipe: Recipe, parts: Parts, shown: bool) -> Iterator[Report]:
     """A progress bar over joint steps; it starts at what earlier runs have made."""
-    have = min(recipe.n_steps, sum(table.n_steps for table in parts.all_tables()))
+    have = min(recipe.n_steps, n_steps_of(*parts.all_tables()))
     with tqdm(
         total=recipe.n_steps,
         initial=have,

@@ -31,34 +31,31 @@ def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> 
         Parent(id=view.id, digest=view.digest, episodes=tuple(view.selection.tolist()))
         for view in views
     )
-    spec = views[0].recipe.spec.model_dump(mode="json")
-    content = {"id": name, "tier": tier, "spec": spec, "operation": operation}
-    lists = {
+    content = {
+        "id": name,
+        "tier": tier,
+        "spec": views[0].recipe.spec.model_dump(mode="json"),
+        "operation": operation,
         "policies": [p.model_dump() for p in policies],
         "parents": [p.model_dump() for p in parents],
     }
-    return Edit.parse({**content, **lists}, f"edit {name}")
+    return Edit.parse(content, f"edit {name}")
 
 
 def _check_specs(views: Sequence[Dataset]) -> None:
     first = views[0]
     for view in views:
         check_installed(view.recipe, "an edit")
-        if view.reobservation is not None:
-            raise SpecError(
-                f"{view!r} is a reobservation, which is in no file. Edit the dataset as it was "
-                "recorded, then call `reobserve` on the result."
-            )
-        if view.reweighting is not None:
-            raise SpecError(
-                f"{view!r} has other rewards than were recorded, which are in no file. Edit the "
-                "dataset as it was recorded, then call `with_rewards` on the result."
-            )
-        if view.side_view is not None:
-            raise SpecError(
-                f"{view!r} is one side, which is in no file. Edit the whole dataset, then call "
-                "`side` on the result."
-            )
+        for computed, what, method in (
+            (view.reobservation, "is a reobservation, which is", "reobserve"),
+            (view.reweighting, "has other rewards than were recorded, which are", "with_rewards"),
+            (view.side_view, "is one side, which is", "side"),
+        ):
+            if computed is not None:
+                raise SpecError(
+                    f"{view!r} {what} in no file. Edit the whole dataset as it was recorded, then "
+                    f"call `{method}` on the result."
+                )
         if view.recipe.spec != first.recipe.spec:
             path, here, there = _difference(first, view)
             raise SpecError(

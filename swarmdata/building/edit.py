@@ -1,8 +1,6 @@
 """Makes datasets of episodes of others: filtered, combined, subsampled; and makes them again.
 
-An edited dataset names its parents by digest, and their episodes by stored number, so it can be
-made again from them, with the same digest. Nothing about the parents changes. Every episode keeps
-its split, its seed and its policy.
+Every episode keeps its split, its seed and its policy.
 """
 
 from collections.abc import Collection, Mapping, Sequence

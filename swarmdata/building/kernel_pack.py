@@ -1,14 +1,7 @@
 """Collects compiled kernels into the pack that a wheel has inside; `make wheel` runs it.
 
-A pack is a folder for each digest of source (`kernels.digest_of`), with numba's files of it. It was
-compiled for `kernel_cache.PACK_CPU`. Its files name the version of numba and of Python, the
-operating system, and the hash of what was compiled: where one of them is another, nothing is found,
-and kernels are compiled as without a pack. What only other kernels call is part of their compiled
-code, so that a pack holds only the kernels that Python calls: a fifth of all files.
-
-    export NUMBA_CPU_NAME=x86-64-v3 NUMBA_CPU_FEATURES= NUMBA_CACHE_DIR=kernels
-    swarmdata warm
-    python -m swarmdata.building.kernel_pack OUT
+A pack is a folder for each digest of source (`kernels.digest_of`), with numba's files of kernels
+that Python calls, compiled for `kernel_cache.PACK_CPU`.
 """
 
 import shutil

@@ -1,8 +1,6 @@
 """Compiles every kernel beforehand, by using each world, sensor, radio and controller once.
 
-A kernel is compiled for the types that it is called with, so a list of kernels would not do: it
-would have to name the types of each call, and be out of date with the next change. Here the code
-that calls them runs, for a few steps.
+A kernel is compiled for the types that it is called with, which only the code that calls it knows.
 """
 
 import os
@@ -30,7 +28,6 @@ from swarmdata.runtime.kernels import PACKAGE_FOLDER, cache_folder, digest_of
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import PACKAGE_RULES
-from swarmdata.specs.task_spec import BACKENDS
 
 TASKS = tuple(PACKAGE_RULES)
 """Presets that are played with every sensor and radio, and of which a dataset is made, if one is
@@ -68,15 +65,13 @@ def warm_kernels(*, workers: int | None = None, progress: bool = True) -> int:
     """
     before = kept_kernels()
     jobs = _jobs()
-    bar = tqdm(
-        total=len(jobs), desc="compiling kernels", unit="use", disable=None if progress else True
-    )
-    crew = Crew(f"{__name__}:kernel_user", workers or usable_cores())
+    hidden = None if progress else True  # None: hidden where there is no terminal
+    bar = tqdm(total=len(jobs), desc="compiling kernels", unit="use", disable=hidden)
 
     def report(n_uses: int) -> None:
         bar.update(n_uses)
 
-    with bar, crew, PROGRESS.silent():
+    with bar, Crew(f"{__name__}:kernel_user", workers or usable_cores()) as crew, PROGRESS.silent():
         crew.run(jobs, report)
     return len(kept_kernels() - before)
 
@@ -121,28 +116,25 @@ def _jobs() -> list[Job]:
         (OBSERVATIONS[i % len(OBSERVATIONS)], COMMUNICATIONS[i % len(COMMUNICATIONS)])
         for i in range(max(len(OBSERVATIONS), len(COMMUNICATIONS)))
     ]
-    sensing = [(task, "idle", *model) for model in models for task in TASKS]
-    controllers = [(task, policy, None, None) for policy in CONTROLLERS for task in TASKS]
-    has_mujoco = find_spec("mujoco") is not None
-    presets = [
-        (name, "scripted", None, None)
-        for name in preset_names()
-        if name not in TASKS and (has_mujoco or preset(name).backend != "mujoco")
+    backends = ["kinematic", *(["mujoco"] if find_spec("mujoco") else [])]
+    presets = [n for n in preset_names() if preset(n).backend in ("pymunk", *backends)]
+    trained = [task for task in TASKS if checkpoints(task, "medium")]
+    uses: list[dict[str, Any]] = [
+        *({"name": task, "policy": policy} for policy in CONTROLLERS for task in TASKS),
+        *({"name": name, "policy": "scripted"} for name in presets if name not in TASKS),
+        *(
+            {"name": task, "policy": "idle", "observation": seen, "communication": heard}
+            for seen, heard in models
+            for task in TASKS
+        ),
+        *(
+            {"name": task, "policy": "random", "backend": backend}
+            for backend in backends
+            for task in ("coop_nav", "transport")
+        ),
+        *({"dataset": f"{task}-medium-mini"} for task in trained),
     ]
-    plays = [
-        dict(zip(("name", "policy", "observation", "communication"), play, strict=True))
-        for play in (*controllers, *presets, *sensing)
-    ]
-    trained = (task for task in TASKS if checkpoints(task, "medium"))
-    datasets = [{"dataset": f"{task}-medium-mini"} for task in trained]
-    simulated = [
-        {"name": task, "policy": "random", "backend": backend}
-        for backend in BACKENDS
-        if backend == "kinematic" or (backend == "mujoco" and has_mujoco)
-        for task in ("coop_nav", "transport")
-    ]
-    uses: list[dict[str, Any]] = [*plays, *simulated, *datasets]
-    return [Job(" ".join(map(str, use.values())), use) for use in uses]
+    return [Job(" ".join(use.values()), use) for use in uses]
 
 
 def _play(

@@ -1,15 +1,13 @@
 """Parts of an unfinished dataset on a remote, for machines that share no file system.
 
 A part travels as one tar file, `policy-0-part-00003.<sha256>.tar`, in the remote's folder
-`<id>.<hash of the recipe>.parts`. Parts are pure functions of the recipe, so that two machines
-which make the same one send the same file, and a name with another digest is an error, not a race.
+`<id>.<hash of the recipe>.parts`. Every machine makes the same file of it.
 """
 
 import hashlib
 import io
 import re
 import tarfile
-from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -25,40 +23,27 @@ _TAR = re.compile(r"(?P<part>policy-\d+-part-\d{5,})\.(?P<digest>[0-9a-f]{64})\.
 _FILE = re.compile(r"[a-z_]+\.npy")
 
 
-@dataclass
 class PartExchange:
-    """The parts of one recipe, here and on a remote."""
+    """The parts of one recipe, here and on a remote.
 
-    parts: Parts
-    remote: PartRemote
-    there: dict[str, str] = field(default_factory=dict)  # name of a part -> its file on the remote
+    Raises:
+        HubError: the remote takes whole datasets only, or could not be asked.
+        BuildError: it has two different copies of a part.
+    """
 
-    @classmethod
-    def open(cls, parts: Parts, remote: Remote) -> "PartExchange":
-        """Asks the remote what it has.
-
-        Raises:
-            HubError: the remote takes whole datasets only, or could not be asked.
-            BuildError: it has two different copies of a part.
-        """
+    def __init__(self, parts: Parts, remote: Remote) -> None:
         if not isinstance(remote, PartRemote):
             raise HubError(
                 f"{remote.address} takes whole datasets only. Let parts travel through a folder "
                 "or a bucket, such as file:///folder or s3://bucket/prefix."
             )
-        found = cls(parts, remote)
-        found.look()
-        return found
-
-    @property
-    def box(self) -> str:
-        """The folder of the parts on the remote."""
-        recipe = self.parts.recipe
-        return f"{recipe.id}.{recipe.hash()[:12]}.parts"
+        self.parts, self.remote = parts, remote
+        self.box = f"{parts.recipe.id}.{parts.recipe.hash()[:12]}.parts"  # their folder there
+        self.look()
 
     def look(self) -> None:
-        """Asks the remote again which parts it has."""
-        self.there = {}
+        """Asks the remote which parts it has."""
+        self.there: dict[str, str] = {}  # name of a part -> its file
         for name in self.remote.part_files(self.box):
             match = _TAR.fullmatch(name)
             if match is None:

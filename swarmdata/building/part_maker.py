@@ -27,8 +27,7 @@ def make_part(
 ) -> list[Episode]:
     """Simulates part number `part` of one policy's stream, the same in any number of copies.
 
-    `report` is called with the joint steps of each; `folder` has a folder `checkpoints` of the
-    recipe's own networks, if it has any.
+    `report` is called with the joint steps of each; `folder` has the recipe's own networks, if any.
     """
     first, n = part * recipe.part_episodes, recipe.part_episodes
     seeds = episode_seeds(recipe, policy, np.arange(first, first + n))

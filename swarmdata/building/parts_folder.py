@@ -1,7 +1,6 @@
 """The folder of parts of an unfinished dataset.
 
-Part k of a policy holds the episodes k * part_episodes and on of that policy's stream, and is a
-pure function of the recipe and k. So it does not matter who makes a part, when, or how often.
+Part k of a policy holds the episodes from k * part_episodes on of its stream: a pure function.
 """
 
 import re
@@ -19,7 +18,7 @@ from swarmdata.store import remove_leftovers, write_file
 from swarmdata.store.arrays.layout import CHECKPOINTS, RECIPE
 from swarmdata.store.episode_order import MergeOrder, merge_order
 from swarmdata.store.parts import is_consumed, read_part_table
-from swarmdata.store.table import PartTable
+from swarmdata.store.table import PartTable, n_steps_of
 
 SPACE_FACTOR = 1.1
 """Room that is asked for, by the size that is expected."""
@@ -145,7 +144,7 @@ class Parts:
 
     def merge(self) -> MergeOrder:
         """The order of episodes in the dataset, and which policy lacks some."""
-        lengths = [[int(n) for table in tables for n in table.lengths] for tables in self.tables()]
+        lengths = [[n for table in of for n in table["length"].tolist()] for of in self.tables()]
         return merge_order(self.recipe, lengths)
 
     def needed_steps(self, policy: int) -> float:
@@ -161,7 +160,7 @@ class Parts:
         """
         jobs = []
         for policy, tables in enumerate(self.tables()):
-            steps = sum(table.n_steps for table in tables)
+            steps = n_steps_of(*tables)
             left = self.needed_steps(policy) - steps
             mean = steps / len(tables) if tables else self.recipe.n_steps
             n_parts = max(int(policy == merge.lacking or not tables), round(left / mean))
@@ -187,8 +186,8 @@ class Parts:
 
     def _step_bytes(self) -> float:
         """Bytes of a joint step in the parts that are there."""
-        steps = sum(table.n_steps for table in self.all_tables())
-        return sum(file.stat().st_size for file in self.folder.glob("policy-*/*")) / steps
+        n_bytes = sum(file.stat().st_size for file in self.folder.glob("policy-*/*"))
+        return n_bytes / n_steps_of(*self.all_tables())
 
     def check_space(self) -> None:
         """Raises if the disk cannot hold the missing parts, and then the assembled dataset.
@@ -198,10 +197,10 @@ class Parts:
         nothing is known.
         """
         tables = self.all_tables()
-        have = sum(table.n_steps for table in tables)
+        have = n_steps_of(*tables)
         if not have:
             return
-        largest = max(table.n_steps for table in tables)
+        largest = max(map(n_steps_of, tables))
         spare = min(self.recipe.n_steps, 2 * len(self.recipe.policies) * largest)
         needed = self._step_bytes() * (max(0, self.recipe.n_steps - have) + spare)
         free = shutil.disk_usage(self.folder).free

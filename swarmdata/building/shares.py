@@ -1,8 +1,7 @@
 """Shares of a dataset's parts, for schedulers: share k of N may run anywhere, any time, twice.
 
-All shares and `finish_parts` see one folder, or send their parts to one remote. A share makes every
-N-th part; how many a policy needs is estimated from the parts that are there. What the estimates
-leave out, `build` makes.
+How many parts a policy needs is estimated from those that are there; what the estimates leave out,
+`build` makes.
 """
 
 import math
@@ -19,6 +18,7 @@ from swarmdata.hub.remotes.interface import Remote
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.manifest import is_finished
 from swarmdata.store.parts import write_part
+from swarmdata.store.table import n_steps_of
 
 
 def make_share(
@@ -34,8 +34,7 @@ def make_share(
 
     Args:
         recipe: what to make.
-        out: the dataset's folder; parts are collected beside it. Where it is finished, nothing is
-            done.
+        out: the dataset's folder; where it is finished, nothing is done.
         share: k, from 1 to N.
         n_shares: N.
         checkpoints: as `build` takes them.
@@ -56,7 +55,7 @@ def make_share(
     parts = _opened(recipe, out, checkpoints)
     if parts is None:
         return []
-    exchange = None if remote is None else PartExchange.open(parts, remote)
+    exchange = None if remote is None else PartExchange(parts, remote)
     if exchange is not None:
         exchange.receive(share, n_shares)
         exchange.send()  # what a killed process had made
@@ -89,7 +88,7 @@ def receive_parts(
         RecipeConflictError: `out` or its parts belong to another recipe.
     """
     parts = _opened(recipe, out, checkpoints)
-    return 0 if parts is None else PartExchange.open(parts, remote).receive()
+    return 0 if parts is None else PartExchange(parts, remote).receive()
 
 
 def _opened(recipe: Recipe, out: Path, checkpoints: Path | None) -> Parts | None:
@@ -114,7 +113,7 @@ def finish_parts(recipe: Recipe, out: Path, *, progress: bool = True) -> Path:
     parts = Parts(recipe, build_folder(out))
     merge = parts.merge() if parts.is_ours() else None
     if merge is None or merge.lacking is not None:
-        have = sum(table.n_steps for table in parts.all_tables()) if merge else 0
+        have = n_steps_of(*parts.all_tables()) if merge else 0
         raise BuildError(
             f"{recipe.id} has parts of {have:,} joint steps in {parts.folder}, which are not "
             f"enough for {recipe.n_steps:,}. Run all shares to their end; or leave out --finish, "
@@ -126,8 +125,7 @@ def finish_parts(recipe: Recipe, out: Path, *, progress: bool = True) -> Path:
 def _n_needed(parts: Parts, policy: int) -> int:
     """Parts that a policy will need, by the mean of those that are there."""
     tables = parts.tables_of(policy)
-    mean = sum(table.n_steps for table in tables) / len(tables)
-    return math.ceil(parts.needed_steps(policy) / mean)
+    return math.ceil(parts.needed_steps(policy) / (n_steps_of(*tables) / len(tables)))
 
 
 def _withdraw(path: Path) -> None:

@@ -1,7 +1,7 @@
 """Which episodes a smaller dataset takes: in proportion, or so that returns are distributed alike.
 
-Pure functions. Randomness is a key for each episode, a function of its seed, so a choice does not
-depend on where an episode is stored, and a smaller choice is part of a larger one.
+Randomness is a key for each episode, a function of its seed, so a smaller choice is part of a
+larger one.
 """
 
 from fractions import Fraction
@@ -18,11 +18,6 @@ N_RETURN_BINS = 20
 """Bins of returns, each with as many episodes of the dataset that is matched."""
 
 
-def keys_of(table: EpisodeTable, seed: int) -> Seeds:
-    """A random number for each episode, [n]."""
-    return derive(seed, table.seeds)
-
-
 def sized(table: EpisodeTable, n_steps: int, seed: int) -> Int:
     """Chooses episodes of at least `n_steps` joint steps, as few as their order allows; increasing.
 
@@ -33,9 +28,8 @@ def sized(table: EpisodeTable, n_steps: int, seed: int) -> Int:
         SchemaError: there are not so many steps.
     """
     strata = table.policy.astype(np.int64) * 256 + table.split
-    return _prefix(
-        table.lengths, proportional(table.lengths, strata, keys_of(table, seed)), n_steps
-    )
+    order = proportional(table.lengths, strata, derive(seed, table.seeds))
+    return _prefix(table.lengths, order, n_steps)
 
 
 def _prefix(lengths: Int, order: Int, n_steps: int) -> Int:
@@ -68,10 +62,9 @@ def matched(table: EpisodeTable, target: Double, n_steps: int | None, bins: int,
     """Chooses as many episodes as there can be whose returns are distributed as those of another.
 
     Histogram matching, as OG-MARL's `subsample_similar` (Formanek et al., "Putting Data at the
-    Centre of Offline Multi-Agent RL", arXiv 2409.12001), with bins at the quantiles of the other,
-    so that each matters the same: bin k gets the largest whole number of episodes that is at most
-    m t_k, where t_k are the other's episodes in it, and m is as large as the scarcest bin allows.
-    Cumulative distributions then differ by one bin's share at most, and by rounding.
+    Centre of Offline Multi-Agent RL", arXiv 2409.12001), with bins at the quantiles of the other:
+    bin k gets the largest whole number of episodes that is at most m t_k, where t_k are the other's
+    episodes in it, and m is as large as the scarcest bin allows.
 
     Args:
         table: the episodes to choose from.
@@ -100,7 +93,7 @@ def matched(table: EpisodeTable, target: Double, n_steps: int | None, bins: int,
             "source with such episodes."
         )
     scarce = min(range(n_bins), key=lambda k: Fraction(counts[k], wanted[k]))
-    keys = keys_of(table, seed)
+    keys = derive(seed, table.seeds)
     taken = []
     for k in range(n_bins):
         pool = np.flatnonzero(mine == k)

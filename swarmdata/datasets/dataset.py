@@ -35,8 +35,7 @@ class Dataset(View[Sampler]):
     """Episodes of one recorded dataset, all of them or a selection; nothing is copied.
 
     Every array is a read-only view of a memory map, except those that `reobserve` and
-    `with_rewards` computed. After its checksums, an array is read only where it is looked at, and
-    batches do not look at `reward_terms`.
+    `with_rewards` computed.
 
     Attributes:
         stored: the open files; of a reobservation or reweighting, with the arrays it computed.
@@ -174,9 +173,8 @@ class Dataset(View[Sampler]):
         """Returns the same episodes as robots with other sensors and radios would observe them.
 
         Observations, `sent`, `delivered` and `ages` are computed from the recorded states by the
-        code of live worlds, for the whole dataset and not only for this selection. Rewards, states,
-        actions and the digest stay those of the recording; the policies that chose the actions had
-        other inputs, as `card` notes. `statistics`, `spec` and `make_env` follow the new models.
+        code of live worlds, for the whole dataset. Rewards, states, actions and the digest stay
+        those of the recording. `statistics`, `spec` and `make_env` follow the new models.
 
         The new arrays have 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a channel only):
         1.1 GB for a million states of four robots with 16 lidar rays. More than 256 MiB are in
@@ -225,8 +223,7 @@ class Dataset(View[Sampler]):
         With weights, the rewards are computed from the stored `reward_terms` as worlds compute
         them, so the recorded weights give the recorded rewards bit for bit. Returns, `statistics`
         and batches follow the new rewards. `spec`, `make_env` and the scale of the score stay those
-        of the task: policies that learn from other rewards are still evaluated on its own, and the
-        new returns have no score.
+        of the task; the new returns have no score.
 
         The new rewards have 4 N bytes per step; more than 256 MiB are in a file without a name, as
         those of `reobserve` are.
@@ -320,11 +317,8 @@ class Dataset(View[Sampler]):
     def transitions(self) -> dict[str, NDArray[Any]]:
         """Copies every transition of this subset into memory, row-aligned.
 
-        Memory holds the result and little more.
-
         The last transition of every episode is kept; its `next_observations` and `next_states` are
-        those of its final state, never the start of another episode. `episodes` has the index of
-        each row's episode in this subset.
+        those of its final state. `episodes` has the index of each row's episode in this subset.
 
         Returns:
             observations, next_observations [n, N, O]; states, next_states [n, S]; actions

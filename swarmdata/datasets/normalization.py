@@ -44,10 +44,8 @@ class Moments:
 class Statistics:
     """What normalizes observations and rewards: `(x - mean) / std` is safe for every feature.
 
-    A feature that is constant in the train split (a deviation below 1e-3) stays, and has a
-    deviation of 1 here: normalized, it is 0, and where it differs later, its plain difference.
-    Rewards that are all the same have a deviation of 1 likewise. `Dataset.moments` has the exact
-    numbers.
+    A feature that is constant in the train split (a deviation below 1e-3), and rewards that are all
+    the same, have a deviation of 1 here. `Dataset.moments` has the exact numbers.
     """
 
     observation_mean: Float  # [O]

@@ -1,8 +1,7 @@
 """A dataset's view on its way to another process: by its folder, and by maps of what was computed.
 
-A reobservation and other rewards are in files without a name. A process of this machine maps these
-files as long as the first one keeps them; any other one computes them again, bit for bit, but for
-the rewards of a function, which only the first one has.
+A process of this machine maps the files of what was computed as long as the first one keeps them;
+any other one computes it again, bit for bit, but for the rewards of a function.
 """
 
 from collections.abc import Callable, Mapping

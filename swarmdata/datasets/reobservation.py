@@ -92,10 +92,8 @@ class Reobservation:
 def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True) -> Reobservation:
     """Observes every episode of a stored dataset through the models of `spec`.
 
-    The result has 4 N (O + P) + 2 N^2 bytes per state (N^2 and P with a channel only), 1.1 GB for a
-    million states of four robots with 16 lidar rays: in memory if it is small, else in files of
-    `new_arrays`. Nothing else is copied, except the commands, where recorded actions hold learned
-    messages and the new models have none.
+    The result is in `new_arrays`. Nothing else is copied, except the commands, where recorded
+    actions hold learned messages and the new models have none.
 
     Raises:
         SpecError: the new models need learned messages that the recorded actions do not hold.
@@ -166,21 +164,13 @@ def observe_episodes(
 ) -> dict[str, NDArray[Any]]:
     """Runs the observer of a task over recorded episodes; returns `OBSERVED_ARRAYS`, read-only.
 
-    Episodes of similar length run side by side, at most `n_copies`, so that few copies wait for
-    others to end. The result does not depend on their number.
+    Episodes of similar length run side by side, at most `n_copies`, which the result does not show.
     """
     n_copies = max(1, min(n_copies, len(episodes.lengths)))
-    reobserver = _Reobserver(Observer(task, n_copies), episodes, n_copies, task.spec.n_agents)
-    total = len(episodes.states)
-    results = new_arrays(
-        {
-            name: ((total, *field.shape[1:]), field.dtype)
-            for name, field in reobserver.fields.items()
-        }
-    )
-    read, written = (
-        MappedReads(each) for each in ((episodes.states, episodes.actions), results.values())
-    )
+    reobserver, total = _Reobserver(task, episodes, n_copies), len(episodes.states)
+    kinds = {n: ((total, *each.shape[1:]), each.dtype) for n, each in reobserver.fields.items()}
+    results = new_arrays(kinds)
+    read, written = MappedReads((episodes.states, episodes.actions)), MappedReads(results.values())
     hidden = None if progress else True  # None: hidden where there is no terminal
     with tqdm(total=total, desc="observing", unit="state", unit_scale=True, disable=hidden) as bar:
         for group in _groups(episodes.lengths, n_copies):
@@ -248,19 +238,13 @@ def _spread(
 class _Reobserver:
     """Feeds recorded rows to an observer of E copies, one step of all of them after the other."""
 
-    def __init__(
-        self,
-        observer: Observer,
-        episodes: RecordedEpisodes,
-        n_copies: int,
-        n_agents: int,
-    ) -> None:
-        self._observer = observer
+    def __init__(self, task: Task, episodes: RecordedEpisodes, n_copies: int) -> None:
+        self._observer = observer = Observer(task, n_copies)
         self._actions = np.zeros((n_copies, *episodes.actions.shape[1:]), dtype=np.float32)
         self._active: Bool = np.zeros(n_copies, dtype=np.bool_)
         # what is observed of one state, by name, [E, ...]
         self.fields: dict[str, Any] = dict(
-            zip(OBSERVED_ARRAYS, observer.allocate((n_copies,), n_agents), strict=True)
+            zip(OBSERVED_ARRAYS, observer.allocate((n_copies,), task.spec.n_agents), strict=True)
         )
         self._step = blank_step(
             states=np.zeros((n_copies, episodes.states.shape[1]), dtype=np.float32),
@@ -275,9 +259,8 @@ class _Reobserver:
             name: np.empty((len(recorded.states), *field.shape[1:]), dtype=field.dtype)
             for name, field in self.fields.items()
         }
-        step, n, starts, lengths = (
-            self._step, len(recorded.lengths), recorded.starts, recorded.lengths,
-        )  # fmt: skip
+        step, starts, lengths = self._step, recorded.starts, recorded.lengths
+        n = len(lengths)
         first_states = starts + np.arange(n)
         step.seeds[:n], step.layouts[:n] = recorded.seeds, recorded.layouts
         self._active[:n], self._active[n:] = True, False
@@ -306,16 +289,14 @@ class _Reobserver:
                 results[name][rows] = source[: len(rows)]
 
 
-def without_losses(spec: TaskSpec) -> TaskSpec | None:
-    """The same spec with a channel that loses no message on air, None for one without a channel."""
+def attempted_links(episode: Episode, spec: TaskSpec) -> Bool | None:
+    """Links over which messages would have arrived without losses on air, [T + 1, N, N].
+
+    None where robots have no radio.
+    """
     model = spec.communication
     if not isinstance(model, Broadcast):
         return None
     no_losses = {"drop_probability": 0.0, "bursts": None, "slots_in_step": None}
-    return spec.with_updates(communication=model.model_copy(update=no_losses))
-
-
-def attempted_links(episode: Episode, spec: TaskSpec) -> Bool | None:
-    """Links over which messages would have arrived without losses, [T + 1, N, N] or None."""
-    ideal = without_losses(spec)
-    return None if ideal is None else reobserve_episode(episode, make_task(ideal))["delivered"]
+    ideal = spec.with_updates(communication=model.model_copy(update=no_losses))
+    return reobserve_episode(episode, make_task(ideal))["delivered"]

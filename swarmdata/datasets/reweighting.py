@@ -117,8 +117,6 @@ class Relabeling(OtherRewards):
 def reweight(recorded: StoredDataset, weights: Rewards) -> Reweighting:
     """Computes the rewards of a whole dataset from its terms, with these weights of all of them.
 
-    They have 4 N bytes per step: in memory if they are few, else in a file of `new_arrays`.
-
     Raises:
         SchemaError: the dataset has no terms of rewards.
         SpecError: it was recorded in another environment.
@@ -141,8 +139,6 @@ def relabel(
     recorded: StoredDataset, episodes: Iterable[Episode], function: RewardFunction
 ) -> Relabeling:
     """Computes the rewards of a whole dataset by a function of its episodes, in stored order.
-
-    They have 4 N bytes per step, as those of `reweight`.
 
     Raises:
         SchemaError: the function gives no finite rewards of each robot in each step.

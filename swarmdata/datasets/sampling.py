@@ -260,9 +260,9 @@ class Sampler(RowSampler):
         arrays: the stored arrays.
         table: all stored episodes.
         selection: stored episodes to draw from, [n].
-        batch_size: transitions or windows in a batch, B.
-        horizon: steps of a window, L, or None for single transitions.
-        burn_in: steps before a segment, or None for windows that start anywhere.
+        batch_size: as `TrainingData.sampler` takes it, and likewise `horizon` and `burn_in`.
+        horizon: steps of a window, L.
+        burn_in: steps before a segment.
         seed: of the stream of batches, 0 to 2**64 - 1.
         scale: of the actions; None gives them as they are stored.
         rows: where the episodes lie; None: one after the other, as in a stored dataset.

@@ -1,7 +1,4 @@
-"""Whether the rewards of a dataset are those of its task; only then its returns have a score.
-
-Data that were converted, or recorded behind a wrapper, may have rewards of somebody else.
-"""
+"""Whether the rewards of a dataset are those of its task; only then its returns have a score."""
 
 from collections.abc import Callable, Container
 

@@ -1,8 +1,4 @@
-"""What all views of data share, whether their rows are in files, streamed, or mixed of several.
-
-`TrainingData` is what is trained on, `View` the episodes of one dataset. Where the rows come from
-is a `Source`: the open files, or the blocks of a remote.
-"""
+"""What all views of data share, whether their rows are in files, streamed, or mixed of several."""
 
 import json
 import math
@@ -155,8 +151,8 @@ class TrainingData(ABC, Generic[S]):
             SchemaError: a return is no number, `success` no truth value, or no episode of a mixture
                 is left.
         """
-        outcome = {"success": success, "min_return": min_return, "max_return": max_return}
-        return self._chosen(partial(_mask, policy=policy, split=split, **outcome))  # type: ignore[arg-type]
+        conditions = {"success": success, "min_return": min_return, "max_return": max_return}
+        return self._chosen(partial(_mask, policy=policy, split=split, **conditions))  # type: ignore[arg-type]
 
     @property
     def statistics(self) -> Statistics:

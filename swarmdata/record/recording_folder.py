@@ -27,6 +27,7 @@ from swarmdata.store import SPLITS, Manifest, read_manifest, remove_leftovers, w
 from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import read_part_table, write_part
 from swarmdata.store.split_rule import assign_splits
+from swarmdata.store.table import n_steps_of
 from swarmdata.types import Episode
 
 SESSION_FILE = "session.json"
@@ -134,7 +135,7 @@ class RecordingFolder:
     def seeds(self) -> set[int]:
         """Seeds of the episodes that are written."""
         parts = _parts(self.folder).values()
-        return {int(seed) for part in parts for seed in read_part_table(part).seeds}
+        return {seed for part in parts for seed in read_part_table(part)["seed"].tolist()}
 
     def finish(self) -> Dataset:
         """Makes the dataset of all finished episodes, with its card, and removes the folder.
@@ -218,7 +219,7 @@ def inspect_recording(path: Path | str) -> RecordingContents:
     for (_, policy), part in _parts(folder).items():
         table = read_part_table(part)
         counts[labels[policy]][0] += len(table)
-        counts[labels[policy]][1] += table.n_steps
+        counts[labels[policy]][1] += n_steps_of(table)
     return RecordingContents(
         session, tuple((label, n, steps) for label, (n, steps) in counts.items())
     )
@@ -275,7 +276,7 @@ def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) 
 def _agents_leave(part: Path) -> bool:
     """Whether some agent ends before its team, or otherwise than its team."""
     arrays = {name: np.load(part / f"{name}.npy", mmap_mode="r") for name in LEAVING_ARRAYS}
-    lengths = read_part_table(part).lengths
+    lengths = read_part_table(part)["length"]
     ends = np.cumsum(lengths) - 1
     acted = np.delete(arrays["alive"], np.cumsum(lengths + 1) - 1, axis=0)  # without last states
     flags = arrays["agent_terminations"], arrays["agent_truncations"]

@@ -1,23 +1,10 @@
 """Arguments of kernels that stay the same from call to call, passed as one array of addresses.
 
-numba unpacks each array that a kernel gets from Python, which takes 60 ns, and a small world has
-dozens of them. What lives as long as the world is a NamedTuple instead. It is packed once, and its
-kernels take the result and unpack it in compiled code, where that is a few loads:
-
-    class Drive(NamedTuple):
-        limits: Annotated[Double, 2]  # [N, 5]
-        dt: float  # s
-
-    DRIVE = bundle_type(Drive)
-
-    @kernel
-    def advance(packed: Int, robots: Double) -> None:
-        drive = unpack(packed, DRIVE)
-
-    advance(ArgumentBlock(drive, DRIVE).packed, robots)
+For each array from Python numba takes 60 ns, and a small world has dozens; here it is a few loads.
 """
 
 from collections.abc import Iterator
+from itertools import count
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import numba
@@ -55,6 +42,9 @@ def _field_type(hint: Any) -> types.Type:
 
 class ArgumentBlock:
     """A bundle, and what kernels get of it; the arrays live as long as the block.
+
+    A kernel that is called with `ArgumentBlock(drive, DRIVE).packed` begins with `drive =
+    unpack(packed, DRIVE)`, where `DRIVE` is `bundle_type(Drive)` of the NamedTuple `Drive`.
 
     Args:
         bundle: the arguments.
@@ -95,34 +85,22 @@ def unpack(_context: Any, packed: Any, kind: Any) -> Any:
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         data = context.make_array(signature.args[0])(context, builder, args[0]).data
-        words = _Words(builder, data)
-        values = [_read(context, words, field) for field in bundle.types]
+        words = (builder.load(cgutils.gep(builder, data, at)) for at in count())
+        values = [_read(context, builder, words, field) for field in bundle.types]
         return context.make_tuple(builder, bundle, values)
 
     return bundle(packed, kind), generate
 
 
-class _Words:
-    """Generates code that reads one word after another."""
-
-    def __init__(self, builder: Any, data: Any) -> None:
-        self.builder, self._data, self._at = builder, data, 0
-
-    def read(self) -> Any:
-        word = self.builder.load(cgutils.gep(self.builder, self._data, self._at))
-        self._at += 1
-        return word
-
-
-def _read(context: Any, words: _Words, kind: types.Type) -> Any:
-    """Generates code that reads a value."""
-    builder, word = words.builder, words.read()
+def _read(context: Any, builder: Any, words: Iterator[Any], kind: types.Type) -> Any:
+    """Generates code that reads a value, which takes one word after another."""
+    word = next(words)
     if isinstance(kind, types.Float):
         return builder.bitcast(word, context.get_value_type(kind))
     if not isinstance(kind, types.Array):
         return context.cast(builder, word, types.int64, kind)
     array = context.make_array(kind)(context, builder)
-    shape = [words.read() for _ in range(kind.ndim)]
+    shape = [next(words) for _ in range(kind.ndim)]
     size = context.get_constant(
         types.intp, context.get_abi_sizeof(context.get_data_type(kind.dtype))
     )

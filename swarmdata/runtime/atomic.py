@@ -1,9 +1,7 @@
 """Crash-safe publishing: a folder beside the target, fsync, rename, fsync of the parent folder.
 
-Readers see the old state or the new one, whatever is killed and whenever. What is not published yet
-lies in a temporary folder with a marker, which is a lock of its writer (`locking`): a leftover of
-ours is told from a folder of the user's and from the work of a living process, and whoever writes
-there next removes it.
+What is not published lies in a temporary folder with a marker, the lock of its writer: by it the
+next one who writes there knows a leftover from a user's folder, and from a living writer's.
 """
 
 import contextlib
@@ -32,27 +30,22 @@ LEFTOVER = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}(.+)-[0-9a-f]{{32}}", re.D
 MARKER_FILE = ".swarmdata-temporary"
 """File in a temporary folder of ours; locked while its writer lives."""
 
-REMOVAL_ATTEMPTS = 50
-"""How often the removal of a temporary folder is tried again, `REMOVAL_PAUSE` seconds apart."""
-
-REMOVAL_PAUSE = 0.1
+REMOVAL_ATTEMPTS, REMOVAL_PAUSE = 50, 0.1
+"""How often the removal of a temporary folder is tried again, and seconds between two tries."""
 
 LOW_SPACE_BYTES = 1 << 20
 """With fewer bytes free, a failed write is blamed on the disk."""
-
 
 UNFINISHED = ".swarmdata-unfinished.json"
 """File at a mount point that lists what is being moved there."""
 
 
 def own_files(folder: Path) -> set[str]:
-    """Names in a folder that are of our work on it, at a mount point: elsewhere that is beside it.
-
-    `lost+found` is there too, which a new file system has.
-    """
+    """Names in a mounted folder that are of our work on it, which elsewhere is beside it."""
     if beside(folder) != folder:
         return set()
     name = folder.name
+    # the first of them is in every new file system
     known = {"lost+found", f".{name}.lock", f"{name}.build", f"{name}.recording"}
     known |= {UNFINISHED, *_unfinished(folder)} if _unfinished(folder) else set()
     scratch = re.compile(rf"\.?\.swarmdata-{re.escape(name)}\..*")
@@ -112,9 +105,9 @@ def put_in_place(source: Path, path: Path, last: str = "") -> None:
 def staged(path: Path, install: Callable[[Path, Path], None] = put_in_place) -> Iterator[Path]:
     """Yields where to write a file or folder, which becomes `path` if the block ends well.
 
-    The yielded path has the same name, in a temporary folder beside `path`, so that the final
-    rename stays in one filesystem. Parents are made. What killed writers of the same path left is
-    removed first. An existing file is replaced, an existing folder only if it is empty.
+    The yielded path has the same name, in a temporary folder beside `path`. Parents are made. What
+    killed writers of the same path left is removed first. An existing file is replaced, an existing
+    folder only if it is empty.
 
     Raises:
         DiskFullError: no space, or no inode, was left.
@@ -156,8 +149,8 @@ def write_file(path: Path, content: bytes) -> None:
 def new_folder(path: Path, last: str = "") -> Iterator[Path]:
     """Yields a new folder that becomes `path` when the block ends without an error.
 
-    Where another process has published `path` first, this copy is discarded: folders are
-    immutable, so the first one stands. `last` is that of `put_in_place`.
+    Where another process has published `path` first, this copy is discarded. `last` is that of
+    `put_in_place`.
 
     Raises:
         DiskFullError: no space was left.
@@ -242,21 +235,14 @@ def sync_tree(folder: Path) -> None:
 def remove_leftovers(folder: Path, *names: str | re.Pattern[str]) -> None:
     """Deletes what killed writers left in `folder`: temporary folders with our marker and no owner.
 
-    Each is shown on standard error. Nothing else is touched: not what a living process is writing,
-    and nothing of the user's, whatever it is called. With `names`, or patterns of them, only what
-    was to become a file or folder so called is deleted.
+    Each is shown on standard error. Nothing else is touched. With `names`, or patterns of them,
+    only what was to become a file or folder so called is deleted.
     """
-    if not folder.is_dir():
-        return
-    for each in sorted(folder.iterdir()):
+    patterns = [re.compile(re.escape(name)) if isinstance(name, str) else name for name in names]
+    for each in sorted(folder.iterdir()) if folder.is_dir() else ():
         match = LEFTOVER.fullmatch(each.name)
-        if match is None or (names and not any(_is_named(match[1], name) for name in names)):
-            continue
-        _remove_if_abandoned(each)
-
-
-def _is_named(found: str, name: str | re.Pattern[str]) -> bool:
-    return found == name if isinstance(name, str) else name.fullmatch(found) is not None
+        if match and (not names or any(pattern.fullmatch(match[1]) for pattern in patterns)):
+            _remove_if_abandoned(each)
 
 
 def _marked(path: Path) -> tuple[Path, Lock]:
@@ -301,16 +287,13 @@ def _is_published(error: OSError, path: Path) -> bool:
 
 
 def _raise_if_full(error: Exception, path: Path, scratch: Path | None) -> None:
-    """Raises `DiskFullError` if that is what an error of writing means.
-
-    NumPy and the C library report a short write without a number, other libraries in words of
-    their own, so the free space decides too.
-    """
+    """Raises `DiskFullError` if that is what an error means, by its number or the space left."""
     if isinstance(error, SwarmdataError) and not isinstance(error, ProgramError):
         return
     found = os.statvfs(path.parent)
     free = found.f_bavail * found.f_frsize
     lacks_inodes = found.f_files > 0 and found.f_favail == 0
+    # NumPy says no number, and other libraries have words of their own
     said = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
     if not said and free > LOW_SPACE_BYTES and not lacks_inodes:
         return

@@ -1,9 +1,7 @@
 """YAML and JSON from outside, read with bounds and one kind of error, which names the place.
 
-A document has the kinds of JSON and no others: mappings, sequences, text, finite numbers,
-booleans and null. YAML's dates are text; its tags for other types, and its merge keys, are refused.
-Reading takes time and memory linear in the size, which is bounded, as are depth and number of
-values, those that aliases repeat included.
+A document has the kinds of JSON and no others: YAML's dates are text, its tags for other types and
+its merge keys are refused. Size, depth and number of values are bounded.
 """
 
 import json
@@ -30,8 +28,6 @@ MAX_CONTAINERS = 400_000
 MAX_DIGITS = 64
 """Characters of a number."""
 
-JSON_SUFFIX = ".json"
-
 
 def read_document(path: Path) -> Any:
     """Returns what a `.json` file, or else a YAML file, holds.
@@ -40,7 +36,7 @@ def read_document(path: Path) -> Any:
         OSError: the file cannot be read, is no regular file, or is too large.
         SpecError: it is not a document, with the place.
     """
-    is_json = path.suffix == JSON_SUFFIX
+    is_json = path.suffix == ".json"
     content = read_regular(path, MAX_JSON_BYTES if is_json else MAX_YAML_BYTES)
     return parse_json(content, str(path)) if is_json else _parse_yaml(content, str(path))
 
@@ -97,7 +93,10 @@ def parse_json(text: str | bytes, source: str) -> Any:
     if decoded.count("[") + decoded.count("{") > MAX_DEPTH:
         _check_depth(data, source)
     if r"\u" in decoded:
-        _check_surrogates(data, source)
+        try:
+            json.dumps(data, ensure_ascii=False).encode()
+        except UnicodeEncodeError as error:
+            raise SpecError(f"{source} has half a character (a lone surrogate): {error}") from error
     return data
 
 
@@ -156,26 +155,16 @@ _HOOKS: Any = {
 }
 
 
-_CONTAINERS = frozenset({dict, list})
-
-
 def _check_depth(data: Any, source: str) -> None:
-    level = [data]
+    level, containers = [data], {dict, list}
     for _ in range(MAX_DEPTH):
         inside = (each.values() if isinstance(each, dict) else each for each in level)
         # of the lists of a result, nearly all are of numbers only: no step in Python for each
-        deeper = (values for values in inside if not _CONTAINERS.isdisjoint(map(type, values)))
-        level = [each for values in deeper for each in values if type(each) in _CONTAINERS]
+        deeper = (values for values in inside if not containers.isdisjoint(map(type, values)))
+        level = [each for values in deeper for each in values if type(each) in containers]
         if not level:
             return
     raise SpecError(f"{source} is nested deeper than {MAX_DEPTH}, the most allowed.")
-
-
-def _check_surrogates(data: Any, source: str) -> None:
-    try:
-        json.dumps(data, ensure_ascii=False).encode()
-    except UnicodeEncodeError as error:
-        raise SpecError(f"{source} has half a character (a lone surrogate): {error}") from error
 
 
 def line_and_column(text: str, at: int) -> str:

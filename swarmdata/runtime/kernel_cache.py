@@ -1,9 +1,7 @@
 """numba's cache of a compiled function, with checked files, a pack behind it, and one compiler.
 
-A kernel is looked for in the user's cache, in that of the administrator where they share one, then
-in the pack of the wheel (`kernel_pack`), and then compiled. Reading a kernel runs code, so a file
-is not believed that another user could have written, or that is damaged. Where several processes
-need one kernel, such as the workers of a build, one compiles it and the others wait for its file.
+A kernel is looked for in the user's cache, root's, and the wheel's pack (`kernel_pack`). Reading it
+runs code: a file is not believed that is damaged, or that another user could have written.
 """
 
 import contextlib
@@ -44,12 +42,9 @@ _LOG = logging.getLogger("swarmdata")
 class KernelCache(FunctionCache):  # type: ignore[misc]  # numba is untyped
     """numba's cache of a function; a damaged file or a full disk costs time, and nothing else.
 
-    Args:
-        function: in Python.
-        root: folder of the caches of all kernels; the lock that processes share is in it.
-        pack: folder with kernels that were compiled beforehand from the same source; it need not
-            exist, and is trusted as the package is.
-        shared: folder like `root` that is only read, if there is one.
+    `root` has the caches of all kernels, and the locks that processes share; `shared`, if there is
+    one, is like it and only read. `pack` has kernels that were compiled beforehand from the same
+    source; it need not exist, and is trusted as the package is.
     """
 
     def __init__(
@@ -183,11 +178,7 @@ def _checked(content: bytes, path: str) -> bytes:
 
 @cache
 def runs_pack() -> bool:
-    """Whether this CPU runs code for `PACK_CPU`, and numba compiles for this CPU.
-
-    The files of a pack are of one version of numba and of Python, and of one operating system,
-    which are parts of their keys; elsewhere nothing is found in them.
-    """
+    """Whether this CPU runs code for `PACK_CPU`, and numba compiles for this CPU."""
     if config.CPU_NAME is not None or config.CPU_FEATURES is not None:
         return False
     has = binding.get_host_cpu_features()
@@ -217,10 +208,7 @@ def _wait_for_turn(root: Path, turn: str) -> bool:
 
 
 class _Compilations(event.Listener):  # type: ignore[misc]  # numba is untyped
-    """Follows what numba compiles; meanwhile, garbage is collected more rarely.
-
-    A compilation makes millions of objects that live to its end, so collecting finds little.
-    """
+    """Follows what numba compiles; the garbage of that, which is little, is collected rarely."""
 
     def __init__(self) -> None:
         self._depth, self._threshold = 0, gc.get_threshold()

@@ -1,7 +1,4 @@
-"""Says once in a command that kernels are compiled, and about how long that will take.
-
-Workers do not speak: they report to the process that started them (`workers.serve`).
-"""
+"""Says once in a command that kernels are compiled, and about how long that will take."""
 
 import logging
 import time
@@ -19,19 +16,12 @@ _LOG = logging.getLogger("swarmdata")
 
 
 class KernelProgress:
-    """Counts the kernels that this process compiles, and the time that it takes.
-
-    Attributes:
-        kernels: every kernel that has been defined, except those that are copied into others.
-        n_compiled: how many compilations there have been, one for each kernel and types, by this
-            process or another one that it waited for.
-        tell: what says a line; None: nobody does, for it has been said or must not be.
-    """
+    """Counts the kernels that this process compiles, and the time that it takes."""
 
     def __init__(self) -> None:
-        self.kernels: list[Any] = []
-        self.n_compiled = 0
-        self.tell: Callable[[str], None] | None = _LOG.warning
+        self.kernels: list[Any] = []  # all that have been defined, but those copied into others
+        self.n_compiled = 0  # for each kernel and types, by this process or one it waited for
+        self.tell: Callable[[str], None] | None = _LOG.warning  # None: nobody says any more
         self._depth = 0
         self._spent, self._begin = 0.0, 0.0  # s
 

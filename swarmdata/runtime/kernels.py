@@ -1,9 +1,7 @@
 """`kernel`, numba's `njit` with a cache on disk that notices every change of source.
 
-numba keys the cache of a function by the file that holds it. What the function calls from another
-file is compiled into it, and may change without notice: after an update of some files, old code
-would go on running. Here the key is a digest of the module and of every module of this package that
-it imports, directly or not. `kernel_cache` says where compiled code is looked for.
+numba keys its cache by the file of a function, though what it calls from others is compiled into
+it. Here the key is a digest of the module and of all that it imports of this package.
 """
 
 import contextlib
@@ -71,10 +69,10 @@ def _warn_uncached() -> None:
 
 
 def cache_folder(module: str, base: str = "") -> Path:
-    """Where the compiled code of a module's functions is kept.
+    """Where the compiled code of a module's functions is kept: in `base`, such as NUMBA_CACHE_DIR.
 
-    That is in `base`, `NUMBA_CACHE_DIR` if it is set; else in `kernels` in `SWARMDATA_CACHE`, or in
-    the user's cache folder. Where somebody else has made that, `kernels-UID` beside it.
+    Without it in `kernels` in `SWARMDATA_CACHE`, or in the user's cache folder. Where somebody else
+    has made that, `kernels-UID` beside it.
     """
     return (Path(base) if base else _own_folder(_common_folder())) / digest_of(module)
 

@@ -1,13 +1,8 @@
 """Locks: one process at a time makes or changes a folder or file; the others wait and say why.
 
-The lock of `name` is the file `.name.lock` beside it, in which its holder is named, and which goes
-with its holder. The operating system frees the lock of a process that is killed, and the next one
-takes over its file. On a file system without such locks, as some mounts of NFS, Lustre and FUSE
-are, the file itself is the lock: its holder touches it every `PULSE` seconds, and whoever has seen
-nothing happen to it for `SILENCE` seconds takes its holder for dead.
-
-A lock is a regular file with nothing in it but the name of a process. What else lies at its place,
-be it a link, is not ours: it is neither followed nor changed, and named in an error.
+The lock of `name` is the file `.name.lock` beside it, which names its holder. The system frees it
+when that one is killed. Where a file system has no locks (some of NFS, Lustre and FUSE), the file
+itself is the lock, and a holder that has not touched it for `SILENCE` seconds is taken for dead.
 """
 
 import contextlib
@@ -69,7 +64,6 @@ def is_mount_point(folder: Path) -> bool:
 def locked(path: Path, shown: bool = True, patience: float = math.inf) -> Iterator[None]:
     """Holds a folder or file, or the folder that a file describes; it need not exist.
 
-    One process at a time is inside, so no change is lost and no two of them make the same thing.
     Folders that were made for the lock go with it, where nothing was written to them.
 
     Args:
@@ -128,7 +122,8 @@ def _remove_if_empty(folder: Path) -> None:
 class Lock:
     """A file that one process at a time holds, and removes when it is done; its folder is there.
 
-    Messages call what is locked `subject`.
+    Messages call what is locked `subject`. What else lies at its place, be it a link, is neither
+    followed nor changed.
     """
 
     def __init__(self, file: Path, subject: object) -> None:

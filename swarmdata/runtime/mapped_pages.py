@@ -1,8 +1,6 @@
 """Pages of mapped files: given back after they have been read, so that memory stays bounded.
 
-A page of a memory map counts as memory of the process from its first read on. Whoever reads a whole
-dataset gives pages back on the way. The system still has them in its cache, and maps them again
-when they are read again.
+A page counts as memory of the process from its first read on; given back, it is still cached.
 """
 
 import mmap

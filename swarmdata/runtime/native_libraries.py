@@ -18,10 +18,8 @@ SIZES = (1 << 30, 1 << 25)
 def keep_freed_memory() -> bool:
     """Tells the allocator of glibc, for the rest of the process, not to give freed memory back.
 
-    By default every block of more than 32 MiB, and every large end of the heap, goes back to the
-    system when it is freed, and the next one is filled with zeros page by page. The updates of an
-    algorithm free and take the same blocks each time, and would spend up to half of their time so.
-    The process keeps its largest size.
+    Updates of an algorithm free and take the same large blocks each time, and would spend up to
+    half of their time on new pages. The process keeps its largest size.
 
     Returns:
         Whether that was done; other allocators than that of glibc are left alone.
@@ -38,10 +36,9 @@ def keep_freed_memory() -> bool:
 class ThreadLimit:
     """A context in which BLAS and OpenMP, and so NumPy's and torch's products, use few threads.
 
-    The networks of policies are too small to gain from a second thread, and waiting threads spin:
-    on a busy machine a second thread cost twenty times the processor time. The libraries are those
-    that were loaded when the limit is made; those loaded later are not limited. A limit can be
-    entered again after it was left.
+    The networks of policies are too small to gain from a second thread, and waiting threads spin.
+    Libraries that are loaded after the limit was made are not limited. A limit can be entered again
+    after it was left.
     """
 
     def __init__(self, n_threads: int = 1) -> None:

@@ -1,8 +1,7 @@
 """Folders that commands write to: nothing in them is replaced but what such a command wrote.
 
-A folder may be written to if it is vacant, or has a list of what the same kind of command wrote
-there before: JSON with its format and the names of the files. Files on the list are replaced, and
-may be removed; all others are the user's.
+Such a command leaves a list of its files, in JSON: the next one of its kind may replace and remove
+them. All other files are the user's.
 """
 
 import json

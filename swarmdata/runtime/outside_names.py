@@ -25,17 +25,16 @@ def split_id(dataset_id: str, known: Iterable[str] = ()) -> tuple[str, str]:
     Raises:
         AddressError: it is not an id with a version.
     """
-    match = ID_PATTERN.fullmatch(dataset_id) if len(dataset_id) <= MAX_ID_LENGTH else None
-    if match is None:
-        shown = (
-            dataset_id if len(dataset_id) <= MAX_ID_LENGTH else f"{dataset_id[:MAX_ID_LENGTH]}..."
-        )
+    if not is_id(dataset_id):
+        is_long = len(dataset_id) > MAX_ID_LENGTH
+        shown = f"{dataset_id[:MAX_ID_LENGTH]}..." if is_long else dataset_id
         raise AddressError(
             f"{shown!r} is not the id of a dataset, expected at most {MAX_ID_LENGTH} characters "
             f"such as 'coop_nav-medium-v1': words of a-z, 0-9 and _, joined by -, then the version."
             f"{did_you_mean(shown, known)}"
         )
-    return match[1], match[2]
+    name, _, version = dataset_id.rpartition("-")
+    return name, version
 
 
 def is_id(text: str) -> bool:

@@ -1,8 +1,7 @@
 """Components of users: tasks, policies, algorithms and remotes that are not in this package.
 
-They come from the entry points of installed distributions, and from `swarmdata.register_...` in
-this process. What was registered from a module that other processes can import is known to the
-workers of this process, too: its place is in `REGISTERED_VARIABLE` of their environment.
+They come from entry points of installed distributions and from `swarmdata.register_...`; workers of
+this process find those of modules that can be imported by `REGISTERED_VARIABLE`.
 """
 
 import ast
@@ -116,19 +115,13 @@ def import_function(place: str) -> Callable[..., Any]:
 
 
 def defined_elsewhere(what: str, name: str, package: str = "") -> str:
-    """Says that something of a kind, such as a task, is not known here, and what to do.
-
-    It is no whole sentence, and names the package if that is known.
-    """
+    """Says, in no whole sentence, that something of a kind, such as a task, is not known here."""
     of = f" ({package})" if package else ""
     return f"{what} {name!r:.100}, which is defined by another package{of}: install it"
 
 
 def package_of(group: str, name: str) -> str | None:
-    """The package that defines a user's component, with its version if it is a distribution.
-
-    None for components of this package, and for those of a script or a notebook.
-    """
+    """The package of a user's component, with its version if it is a distribution; else None."""
     component = components(group).get(name)
     place = component if component is None or isinstance(component, str) else _place_of(component)
     if place is None:

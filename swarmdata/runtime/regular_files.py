@@ -10,8 +10,7 @@ from swarmdata.errors import FileKindError
 def read_regular(path: Path, most_bytes: int, *, follow_links: bool = True) -> bytes:
     """Returns the bytes of a regular file.
 
-    Kind and size are checked before anything is read, and never more than `most_bytes` is read: a
-    device, a pipe or a file that grows neither blocks nor fills the memory. The path itself is no
+    A device, a pipe or a file that grows neither blocks nor fills the memory. The path itself is no
     symbolic link unless `follow_links`.
 
     Raises:

@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -44,7 +44,7 @@ from swarmdata.store.parts import (
     read_part_table,
 )
 from swarmdata.store.split_rule import assign_splits
-from swarmdata.store.table import SPLITS, EpisodeTable, table_columns
+from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, EVENTS, TASK_END_REASONS, Bool, Counts
 
 Parts = Mapping[int, Sequence[Path]]
@@ -70,16 +70,15 @@ def assemble(
 
     Args:
         out: where the dataset appears.
-        recipe: what the dataset is made from.
+        recipe: of the dataset.
         parts: consecutive parts of each policy's stream, by policy index.
         order: the episodes as (policy index, index in that policy's stream), each stream in
             increasing order; see `merge_order`.
         splits: index into `SPLITS` of each episode; None for those of the recipe's rule.
         optional: optional arrays of the parts to take; None for all that they have.
         checkpoints: content of the networks to keep with the dataset, by file name.
-        consume: whether files of parts are deleted as soon as they are copied, so that the disk
-            never holds everything twice. Where that is interrupted, the parts that are
-            `is_consumed` have to be made again.
+        consume: whether files of parts are deleted as soon as they are copied. Where that is
+            interrupted, the parts that are `is_consumed` have to be made again.
         progress: whether to show a bar over the arrays.
 
     Raises:
@@ -100,22 +99,14 @@ class Source(Protocol):
     """Where the rows of a new dataset come from."""
 
     @property
-    def table(self) -> EpisodeTable:
-        """The episodes, in the order of the new dataset."""
-        ...
+    def table(self) -> EpisodeTable: ...  # the episodes, in the order of the new dataset
 
     @property
-    def names(self) -> Sequence[str]:
-        """Arrays that it has."""
-        ...
+    def names(self) -> Sequence[str]: ...  # of the arrays that it has
 
-    def row_shape(self, name: str) -> tuple[int, ...]:
-        """Shape of a row of an array over time."""
-        ...
+    def row_shape(self, name: str) -> tuple[int, ...]: ...  # of an array over time
 
-    def dtype(self, name: str) -> DType:
-        """Its dtype, one of `Field.dtypes`."""
-        ...
+    def dtype(self, name: str) -> DType: ...  # one of `Field.dtypes`
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Consecutive rows of an array over time, one block per episode, of any of the dtypes."""
@@ -206,7 +197,7 @@ def _planned(source: Source, name: str) -> Shard:
     """The byte layout of an array: a column of the episode table, or one over time."""
     table, rows = source.table, ALL_FIELDS[name].rows
     if rows == "episodes":
-        return plan_shard(ALL_FIELDS[name].dtype, table_columns(table)[name].shape)
+        return plan_shard(ALL_FIELDS[name].dtype, table.columns("episodes/")[name].shape)
     n_rows = int(table.lengths.sum()) + (len(table) if rows == "states" else 0)
     return plan_shard(source.dtype(name), (n_rows, *source.row_shape(name)))
 
@@ -214,7 +205,7 @@ def _planned(source: Source, name: str) -> Shard:
 def _blocks(source: Source, name: str, dtype: DType) -> Iterator[NDArray[Any]]:
     """The rows of an array in its dtype."""
     if ALL_FIELDS[name].rows == "episodes":
-        return iter([table_columns(source.table)[name]])
+        return iter([source.table.columns("episodes/")[name]])
     return (block.astype(dtype, copy=False) for block in source.blocks(name))
 
 
@@ -260,7 +251,7 @@ def _ordered_rows(parts: Parts, order: Order) -> tuple[NDArray[np.void], NDArray
     """Table rows and layouts of the ordered episodes, after checking that the order is possible."""
     if not order:
         raise SchemaError("order has no episodes, expected at least 1")
-    tables = {p: np.concatenate([read_part_table(f).rows for f in fs]) for p, fs in parts.items()}
+    tables = {p: np.concatenate([read_part_table(f) for f in fs]) for p, fs in parts.items()}
     layouts = {p: np.concatenate([read_part_layouts(f) for f in fs]) for p, fs in parts.items()}
     last = dict.fromkeys(parts, -1)
     for policy, episode in order:
@@ -297,9 +288,11 @@ def _write(
         )
     moments = {"observations": Moments(), "rewards": Moments()}
     entries = {}
-    for name, shard in _shown(shards, recipe.id, progress):
-        observe = _observer(moments.get(name), train)
-        blocks = observe(_blocks(source, name, shard.dtype))
+    hidden = None if progress else True  # None: hidden where there is no terminal
+    for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
+        blocks = _blocks(source, name, shard.dtype)
+        if name in moments:
+            blocks = _observed(blocks, moments[name], train)
         entries[name] = write_shard(folder, name, shard, blocks, logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
     observation_mean, observation_std = moments["observations"].result()
@@ -326,25 +319,14 @@ def _write(
     )
 
 
-def _shown(shards: dict[str, Shard], name: str, progress: bool) -> Iterable[tuple[str, Shard]]:
-    """The arrays, under a bar that is hidden where there is no terminal."""
-    hidden = None if progress else True
-    return tqdm(shards.items(), name, unit="array", leave=False, disable=hidden)
-
-
-Blocks = Iterator[NDArray[Any]]
-
-
-def _observer(moments: Moments | None, train: Bool) -> Callable[[Blocks], Blocks]:
-    """Returns a pass-through that shows the blocks of train episodes to `moments`."""
-
-    def observe(blocks: Blocks) -> Blocks:
-        for index, block in enumerate(blocks):
-            if moments is not None and train[index]:
-                moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
-            yield block
-
-    return observe
+def _observed(
+    blocks: Iterator[NDArray[Any]], moments: Moments, train: Bool
+) -> Iterator[NDArray[Any]]:
+    """Passes blocks on, and shows those of train episodes to `moments`."""
+    for block, is_train in zip(blocks, train, strict=True):
+        if is_train:
+            moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
+        yield block
 
 
 def _attributes(recipe: Origin) -> dict[str, Any]:

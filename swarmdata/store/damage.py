@@ -5,7 +5,7 @@ import os
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -80,16 +80,14 @@ def _contents(path: Path, links: set[str]) -> list[Damage]:
         raise
     except DatasetError as error:
         return [Damage(MANIFEST, without_hint(str(error), path))]
-    plain = [file for file in sorted(manifest.files) if not _is_below(file, links)]
+    # links, and what is in linked folders, is not read
+    plain = [
+        f for f in sorted(manifest.files) if not any(map(PurePosixPath(f).is_relative_to, links))
+    ]
     with ThreadPoolExecutor(min(8, os.cpu_count() or 1)) as pool:
         found = pool.map(lambda file: _of_file(path, manifest, file), plain)
         damage = [each for each in found if each is not None]
     return damage if damage or links else _contradictions(path, manifest)
-
-
-def _is_below(file: str, links: set[str]) -> bool:
-    """Whether a file is a link or in a linked folder, and so not to be read."""
-    return any(file == link or file.startswith(f"{link}/") for link in links)
 
 
 def _of_file(path: Path, manifest: Manifest, file: str) -> Damage | None:

@@ -1,36 +1,27 @@
-"""Which episodes a dataset takes from its policies' streams, and in which order.
-
-A pure function of the recipe and of episode lengths, in exact integer arithmetic.
-"""
+"""Which episodes a dataset takes from its policies' streams, and in which order."""
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from fractions import Fraction
+from typing import NamedTuple
 
 from swarmdata.errors import SchemaError
 from swarmdata.specs.recipe import Recipe
 from swarmdata.types import Int
 
 
-@dataclass(frozen=True, slots=True)
-class MergeOrder:
-    """The episodes of a dataset in order, up to where the given lengths end.
-
-    `lacking` is the policy whose next episode is needed and not there, or None when `order` is
-    complete; the order so far is a prefix of the complete one.
-    """
+class MergeOrder(NamedTuple):
+    """The episodes of a dataset in order, up to where the given lengths end."""
 
     order: tuple[tuple[int, int], ...]  # (policy index, index in that policy's stream)
-    n_steps: int  # joint steps of these episodes
-    lacking: int | None
+    lacking: int | None  # policy whose next episode is needed and not there; None: it is complete
 
 
 def merge_order(recipe: Recipe, lengths: Sequence[Sequence[int] | Int]) -> MergeOrder:
     """Merges streams of episodes of these lengths until the recipe's steps are reached.
 
-    The next episode is always that of the policy that lags most behind its share of the steps
-    taken so far; ties go to the lowest index. Shares are compared as exact rationals.
+    The next episode is that of the policy that lags most behind its share of the steps so far, in
+    exact rationals; ties go to the lowest index.
 
     Raises:
         SchemaError: not one sequence per policy, or an episode without steps.
@@ -50,12 +41,12 @@ def merge_order(recipe: Recipe, lengths: Sequence[Sequence[int] | Int]) -> Merge
         policy = lags.index(max(lags))
         episode = taken[policy]
         if episode == len(streams[policy]):
-            return MergeOrder(tuple(order), total, policy)
+            return MergeOrder(tuple(order), policy)
         order.append((policy, episode))
         taken[policy] += 1
         steps[policy] += streams[policy][episode]
         total += streams[policy][episode]
-    return MergeOrder(tuple(order), total, None)
+    return MergeOrder(tuple(order), None)
 
 
 def _weights(recipe: Recipe) -> list[int]:

@@ -1,7 +1,4 @@
-"""Selection, episodes of open datasets as the source of a new one, copied from memory map to disk.
-
-Rows go straight from one file to the other; nothing is unpacked or held in memory.
-"""
+"""Selection, episodes of open datasets as the source of a new one, copied from map to disk."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,14 +34,11 @@ class Piece:
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Rows of an array over time, one block per episode."""
-        table, array = self.stored.table, self.stored.arrays[name]
-        has_last = ALL_FIELDS[name].rows == "states"
-        starts = table.starts[self.episodes] + (self.episodes if has_last else 0)
-        ends = starts + table.lengths[self.episodes] + has_last
-        reads = MappedReads([array])
-        for start, end in zip(starts.tolist(), ends.tolist(), strict=True):
-            yield array[start:end]
-            reads.add(array[start:end])
+        reads = MappedReads([self.stored.arrays[name]])
+        for number in self.episodes.tolist():
+            rows = self.stored.rows(number, name)
+            yield rows
+            reads.add(rows)
         reads.release()
 
 

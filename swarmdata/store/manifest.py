@@ -39,7 +39,7 @@ from swarmdata.store.arrays.layout import (
     ArrayPlan,
     DType,
     Shard,
-    plan_arrays,
+    plan_array,
 )
 from swarmdata.store.recognition import is_dataset, no_dataset
 from swarmdata.types import shortened
@@ -60,12 +60,7 @@ Xxh3 = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
 
 
 class _Section(BaseModel):
-    """Frozen; unknown keys are ignored.
-
-    Unlike a spec, nobody types a manifest, and its checksum excludes typing errors. A key that
-    this version does not know was written by a newer one that kept the format version, which
-    promises that the data can be read without it.
-    """
+    """Frozen; unknown keys are ignored, which a newer version of the same format wrote."""
 
     model_config = ConfigDict(
         frozen=True, extra="ignore", strict=True, allow_inf_nan=False, defer_build=True
@@ -92,14 +87,9 @@ class ArrayEntry(_Section):
     checksums: Annotated[tuple[Xxh3, ...], Field(strict=False)]
 
     @property
-    def layout(self) -> tuple[DType, tuple[int, ...], int, int | None]:
-        """What decides the bytes of the array's files."""
-        return self.dtype, self.shape, self.chunk_rows, self.shard_rows
-
-    @property
     def shard(self) -> Shard:
         """The byte layout of the array's files."""
-        return Shard(*self.layout)
+        return Shard(self.dtype, self.shape, self.chunk_rows, self.shard_rows)
 
     @model_validator(mode="after")
     def _whole_pages(self) -> Self:
@@ -141,7 +131,7 @@ class Manifest(_Section):
     @cached_property
     def plan(self) -> dict[str, ArrayPlan]:
         """Where each array lies, and what its file and its Zarr metadata must be."""
-        return plan_arrays({name: each.layout for name, each in self.arrays.items()})
+        return {name: plan_array(name, each.shard) for name, each in self.arrays.items()}
 
     @property
     def transport_digest(self) -> str:
@@ -303,11 +293,7 @@ def is_finished(out: Path, recipe: Recipe) -> bool:
 
 
 def note_build(manifest: Manifest) -> None:
-    """Records that a dataset was built here, for `was_built_here`.
-
-    The record is beside the datasets, not in them: it neither travels with a copy nor survives a
-    change of recipe or arrays.
-    """
+    """Records beside the datasets that one was built here, for `was_built_here`."""
     record = _record(manifest)
     with contextlib.suppress(OSError):  # a read-only cache has no such records
         record.parent.mkdir(parents=True, exist_ok=True)
@@ -337,9 +323,5 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def logical_header(name: str, dtype: str, shape: tuple[int, ...]) -> bytes:
-    """What the logical digest takes before an array's C-order bytes.
-
-    The digest is the SHA-256 over header and bytes of each array in sorted name order. It depends
-    on the values only, not on chunking or compression.
-    """
+    """What the logical digest, a SHA-256, takes before the C-order bytes of each array, by name."""
     return f"{name}\n{dtype}\n{','.join(map(str, shape))}\n".encode()

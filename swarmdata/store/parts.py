@@ -21,8 +21,7 @@ _CONSUMED = "consumed"
 def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
     """Writes consecutive episodes of one policy's stream as one part, in one rename.
 
-    A part that exists is left as it is: a part is a pure function of the recipe, so whoever wrote
-    it first wrote the same.
+    A part that exists is left as it is.
 
     Raises:
         SchemaError: no episodes, several policies, or arrays that do not fit together.
@@ -90,7 +89,7 @@ def read_part_table(folder: Path) -> PartTable:
     rows = _load(folder / _TABLE)
     if rows.dtype != PART_COLUMNS or rows.ndim != 1:
         raise DatasetError(f"{folder / _TABLE} has dtype {rows.dtype}, expected {PART_COLUMNS}")
-    return PartTable(rows)
+    return rows
 
 
 def optional_fields(folder: Path) -> tuple[str, ...]:
@@ -123,7 +122,7 @@ def episode_slices(
     """
     extra = ALL_FIELDS[field].rows == "states"
     for folder in parts:
-        ends = np.cumsum(read_part_table(folder).lengths + extra)
+        ends = np.cumsum(read_part_table(folder)["length"] + extra)
         values = _load(folder / f"{field}.npy", mapped=True)
         if len(values) != ends[-1]:
             raise TruncatedFileError(

@@ -15,9 +15,7 @@ SCRATCH_PREFIX = ".swarmdata-"
 def scratch_folder(path: Path, purpose: str) -> Path:
     """Where work such as `repair` keeps what is not finished, beside a dataset's folder.
 
-    The name ends with a digest of itself, by which it is ours: a folder of the user's, such as
-    `<path>.repair`, is never taken for it. It is the same in every process, so that the next one
-    goes on where a killed one stopped.
+    The name ends with a digest of itself, by which it is ours, and is the same in every process.
 
     Raises:
         DatasetError: there is a symbolic link, which is not followed.

@@ -39,12 +39,7 @@ from swarmdata.store.arrays.layout import (
     misplaced_files,
 )
 from swarmdata.store.arrays.mapped_files import map_array
-from swarmdata.store.arrays.row_shapes import (
-    MAY_BE_EMPTY,
-    recorded_row_shapes,
-    task_row_shapes,
-    team_row_shapes,
-)
+from swarmdata.store.arrays.row_shapes import MAY_BE_EMPTY, row_shapes
 from swarmdata.store.manifest import (
     MadeFrom,
     Manifest,
@@ -284,10 +279,7 @@ def _read_small_files(path: Path, manifest: Manifest, *, is_checked: bool) -> di
 
 
 def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, bytes]) -> None:
-    """Checks that Zarr's own metadata says what the manifest says of arrays and identity.
-
-    Datasets written before there was a `recipe_hash` beside the arrays are read all the same.
-    """
+    """Checks that Zarr's own metadata says what the manifest says of arrays and identity."""
     for plan in manifest.plan.values():
         file = plan.metadata_file
         try:
@@ -303,7 +295,7 @@ def _check_metadata(path: Path, manifest: Manifest, small_files: Mapping[str, by
                 raise _disagrees(path, manifest, problem)
     attributes = root_attributes(path)
     for key, expected in (("id", manifest.id), ("recipe_hash", manifest.recipe_hash)):
-        got = attributes.get(key, expected)
+        got = attributes.get(key, expected)  # the first datasets had no `recipe_hash` there
         if got != expected:
             problem = f"{path / GROUP_FILES[0]} says {key} {got!r}, the manifest says {expected!r}"
             raise _disagrees(path, manifest, problem)
@@ -330,14 +322,8 @@ def shape_contradictions(
 
     What is not a recipe may lack some arrays; `widths` is as of `task_row_shapes`.
     """
-    problems, world = [], origin.spec.world
-    if origin.missing is not None:
-        rows = team_row_shapes(origin.spec)
-    elif world is None:
-        rows = recorded_row_shapes(origin.spec)
-    else:
-        rows = task_row_shapes(world, widths=widths)
-    for name, expected in rows.items():
+    problems = []
+    for name, expected in row_shapes(origin, widths=widths).items():
         if name not in shapes:
             continue
         got = shapes[name][1:]
@@ -366,13 +352,7 @@ def map_checked(path: Path, manifest: Manifest, name: str) -> NDArray[np.uint8]:
 
 
 def _check_chunks(path: Path, manifest: Manifest, raw: Mapping[str, NDArray[np.uint8]]) -> None:
-    """Checks the xxh3_64 of every chunk, in as many threads as there are cores.
-
-    Memory stays bounded by a chunk for each thread.
-
-    Raises:
-        ChecksumError: naming the file, the first changed chunk and its rows.
-    """
+    """Checks the xxh3_64 of every chunk, in as many threads as there are cores (ChecksumError)."""
     arrays = manifest.arrays.items()
     jobs = [(name, k, each) for name, entry in arrays for k, each in enumerate(entry.checksums)]
     n_threads = min(8, os.cpu_count() or 1)
@@ -442,21 +422,17 @@ def read_table(
     for column in columns.values():
         column.setflags(write=False)
     table = EpisodeTable(**columns)
-    ends = np.cumsum(table.lengths)
+    ends, is_solved = np.cumsum(table.lengths), table.end_reason == END_REASONS.index("success")
     problems = {
-        "an episode has no steps": bool((table.lengths < 1).any()),
-        "episodes do not follow each other without gaps": bool(
-            (table.starts != ends - table.lengths).any()
-        ),
-        "episodes do not end where the arrays end": int(ends[-1]) != manifest.n_steps,
-        "an unknown split code": bool((table.split >= len(SPLITS)).any()),
-        "an unknown end reason": bool((table.end_reason >= len(END_REASONS)).any()),
-        "an unknown policy": bool((table.policy >= len(recipe.policies)).any()),
-        "success and end reason differ": bool(
-            (table.success != (table.end_reason == END_REASONS.index("success"))).any()
-        ),
+        "an episode has no steps": table.lengths < 1,
+        "episodes do not follow each other without gaps": table.starts != ends - table.lengths,
+        "episodes do not end where the arrays end": ends[-1:] != manifest.n_steps,
+        "an unknown split code": table.split >= len(SPLITS),
+        "an unknown end reason": table.end_reason >= len(END_REASONS),
+        "an unknown policy": table.policy >= len(recipe.policies),
+        "success and end reason differ": table.success != is_solved,
     }
-    found = [problem for problem, is_there in problems.items() if is_there]
+    found = [problem for problem, wrong in problems.items() if wrong.any()]
     if found:
         raise _disagrees(path, manifest, f"the episode table is wrong: {'; '.join(found)}")
     return table

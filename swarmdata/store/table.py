@@ -1,7 +1,7 @@
 """EpisodeTable, one column per fact about an episode, and how a row is measured from an Episode."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
 from typing import Any, overload
 
 import numpy as np
@@ -79,22 +79,24 @@ class EpisodeTable:
             return self.take(np.arange(len(self))[index])
         if not -len(self) <= index < len(self):
             raise IndexError(f"episode {index} of a table of {len(self)} episodes")
-        return EpisodeRow(
-            index=int(index) % len(self),
-            length=int(self.lengths[index]),
-            seed=int(self.seeds[index]),
-            split=SPLITS[self.split[index]],
-            end_reason=END_REASONS[self.end_reason[index]],
-            policy=int(self.policy[index]),
-            policy_episode=int(self.policy_episode[index]),
-            team_return=float(self.team_return[index]),
-            success=bool(self.success[index]),
-            robot_collisions=int(self.robot_collisions[index]),
-            obstacle_collisions=int(self.obstacle_collisions[index]),
-        )
+        (row,) = self.take(np.array([index]))
+        return replace(row, index=int(index) % len(self))
 
     def __iter__(self) -> Iterator[EpisodeRow]:
-        return (self[index] for index in range(len(self)))
+        columns = (column.tolist() for column in self._row_columns().values())
+        return map(EpisodeRow, *columns)
+
+    def _row_columns(self) -> dict[str, NDArray[Any]]:
+        """The fields of `EpisodeRow`, [n] each."""
+        named = {
+            "index": np.arange(len(self)),
+            "length": self.lengths,
+            "seed": self.seeds,
+            "split": np.array(SPLITS)[self.split],
+            "end_reason": np.array(END_REASONS)[self.end_reason],
+        }
+        columns = {**self.columns(), **named}
+        return {field.name: columns[field.name] for field in fields(EpisodeRow)}
 
     def to_pandas(self) -> Any:
         """Returns a `pandas.DataFrame` with a row for each episode: the fields of `EpisodeRow`.
@@ -106,24 +108,15 @@ class EpisodeTable:
             import pandas  # noqa: PLC0415  (an extra)
         except ImportError as error:
             raise MissingExtraError("pandas", "pandas", "EpisodeTable.to_pandas") from error
-        named = {
-            "index": np.arange(len(self)),
-            "length": self.lengths,
-            "seed": self.seeds,
-            "split": np.array(SPLITS)[self.split],
-            "end_reason": np.array(END_REASONS)[self.end_reason],
-        }
-        columns = {**self.columns(), **named}
-        names = [field.name for field in fields(EpisodeRow)]
-        return pandas.DataFrame({name: columns[name] for name in names}).set_index("index")
+        return pandas.DataFrame(self._row_columns()).set_index("index")
 
     def take(self, indices: Int) -> "EpisodeTable":
         """Returns the rows `indices`, in that order."""
         return EpisodeTable(**{name: column[indices] for name, column in self.columns().items()})
 
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """The columns by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
+    def columns(self, prefix: str = "") -> dict[str, NDArray[Any]]:
+        """The columns by name, which begins with `prefix`."""
+        return {f"{prefix}{field.name}": getattr(self, field.name) for field in fields(self)}
 
 
 PART_COLUMNS = np.dtype(
@@ -140,29 +133,13 @@ PART_COLUMNS = np.dtype(
 """Row of a part's episode table."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PartTable:
-    """The episodes of one part, as `PART_COLUMNS`."""
+PartTable = NDArray[np.void]
+"""The episodes of one part, [n], with `PART_COLUMNS`."""
 
-    rows: NDArray[np.void]  # [n], columns PART_COLUMNS
 
-    def __len__(self) -> int:
-        return len(self.rows)
-
-    @property
-    def lengths(self) -> Int:
-        """Joint steps of each episode, [n]."""
-        return self.rows["length"]
-
-    @property
-    def seeds(self) -> Seeds:
-        """Seed of each episode, [n]."""
-        return self.rows["seed"]
-
-    @property
-    def n_steps(self) -> int:
-        """Joint steps of all episodes."""
-        return int(self.lengths.sum())
+def n_steps_of(*tables: PartTable) -> int:
+    """Joint steps of all episodes of some parts."""
+    return sum(int(table["length"].sum()) for table in tables)
 
 
 def measure(episode: Episode) -> tuple[int, int, int, int, float, int, int]:
@@ -185,11 +162,6 @@ def measure(episode: Episode) -> tuple[int, int, int, int, float, int, int]:
     obstacle = int(onsets[EVENTS.index("obstacle_onsets")])
     head = (len(episode), episode.seed, episode.policy, episode.end_reason)
     return (*head, episode.team_return, robot // 2, obstacle)
-
-
-def table_columns(table: EpisodeTable) -> Mapping[str, NDArray[Any]]:
-    """The columns by array name, `episodes/...`."""
-    return {f"episodes/{name}": column for name, column in table.columns().items()}
 
 
 def team_returns(table: EpisodeTable, rewards: Float) -> Double:

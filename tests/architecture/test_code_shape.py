@@ -35,7 +35,6 @@ def functions(body: list[ast.stmt]) -> Iterator[Function]:
 
 
 def is_command(function: Function) -> bool:
-    """Whether this is a command of the command line."""
     annotations = [each.annotation for each in function.args.args[:1]]
     return any(isinstance(each, ast.Attribute) and each.attr == "Context" for each in annotations)
 

@@ -18,14 +18,12 @@ SLOW = (57, 63, 69)
 
 
 def promises() -> dict[int, str]:
-    """The promise of each fault."""
     found = re.findall(r"^\| (\d\d) \| .+? \| (.+?) \|$", PAGE, re.MULTILINE)
     assert len(found) == len(dict(found)), "a number is in the tables twice"
     return {int(number): promise for number, promise in found}
 
 
 def named_tests() -> dict[int, str]:
-    """The tests of each fault, as text."""
     found = re.findall(r"^- (\d\d):(.*(?:\n  .+)*)", TESTS, re.MULTILINE)
     return {int(number): named for number, named in found}
 

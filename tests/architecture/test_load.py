@@ -1,8 +1,6 @@
 """What the first `load` of a cached dataset, a list and an `info` import: no compiled code."""
 
 import json
-import subprocess
-import sys
 from dataclasses import asdict
 from pathlib import Path
 
@@ -11,6 +9,7 @@ import pytest
 from swarmdata.store import open_store
 from swarmdata.store.publication import publication
 from swarmdata.testing.synthetic import write_release
+from tests.support.interpreter import python
 from tests.support.pairs import slow
 
 MOST_MODULES = 61
@@ -44,15 +43,14 @@ USES = {
 
 
 def test_a_list_of_published_datasets_imports_no_numpy(cache_folder: Path) -> None:
-    assert not cache_folder.exists() or not list(cache_folder.iterdir())
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", f"{USES['list command']}; {REPORT}"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    modules = json.loads(done.stdout.splitlines()[-1])
-    assert not {*HEAVY, "numpy", "pydantic"} & set(modules)
+    assert not {*HEAVY, "numpy", "pydantic"} & set(imported_by(USES["list command"]))
+
+
+def imported_by(code: str) -> list[str]:
+    """Modules that a program imports, but those of other packages' folders."""
+    done = python("-W", "ignore", "-c", f"{code}; {REPORT}")
+    modules: list[str] = json.loads(done.stdout.splitlines()[-1])
+    return modules
 
 
 @pytest.mark.parametrize("use", [*list(USES)[:2], *slow(*list(USES)[2:])])
@@ -61,11 +59,7 @@ def test_what_is_read_imports_little(use: str, tmp_path: Path, cache_folder: Pat
     write_release(folder, [30, 70], "coop_nav-own-v0")
     entry = tmp_path / "entry.json"
     entry.write_text(json.dumps(asdict(publication(open_store(folder)))))
-    code = f"{USES[use].format(entry=str(entry))}; {REPORT}"
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", code], capture_output=True, text=True, check=True
-    )
-    modules = json.loads(done.stdout.splitlines()[-1])
+    modules = imported_by(USES[use].format(entry=str(entry)))
     shown = use == "info"  # which writes YAML
     assert HEAVY & set(modules) == ({"yaml"} if shown else set())
     ours = [each for each in modules if each.startswith("swarmdata")]

@@ -23,6 +23,7 @@ from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, shipped_recipes
 from tests.benchmarks.measuring import table
 from tests.benchmarks.variants import Variant, variants
+from tests.support.interpreter import python
 
 # Workers are given one thread each; here they keep those of the variant.
 GENERATE = (
@@ -35,18 +36,16 @@ DIGEST = re.compile(r"digest ([0-9a-f]{64})$")
 
 @dataclass(frozen=True)
 class Built:
-    """What came of one build."""
-
     digest: str  # empty if it failed
     message: str  # why it failed
     seconds: float
 
 
 def command(dataset: str, folder: Path, n_workers: int, n_steps: int | None) -> list[str]:
-    """Builds a dataset in a folder and prints its digest at the end."""
+    """Arguments of an interpreter that builds a dataset and prints its digest at the end."""
     line = ["generate", dataset, "--workers", str(n_workers), "--out", str(folder)]
     line += [] if n_steps is None else ["--steps", str(n_steps)]
-    return [sys.executable, "-c", GENERATE, *line]
+    return ["-c", GENERATE, *line]
 
 
 def build(
@@ -54,11 +53,7 @@ def build(
 ) -> Built:
     """Builds a dataset from nothing under a variant, and removes it.
 
-    Args:
-        dataset: its id.
-        variant: how.
-        n_steps: another number of joint steps than the recipe's.
-        typical: seconds that a build takes, for the moments of the kills.
+    `typical` are the seconds that a build takes, for the moments of the kills.
     """
     for part in (0.7, 0.5, 0.35, 0.25):  # of a build, before each kill: less where it was too late
         with tempfile.TemporaryDirectory() as root:
@@ -70,11 +65,8 @@ def build(
 
 
 def finish(line: Sequence[str], variant: Variant) -> Built:
-    """Runs a build to its end."""
     begin = time.perf_counter()
-    run = subprocess.run(
-        line, env=variant.variables(), capture_output=True, text=True, check=False
-    )  # fmt: skip
+    run = python(*line, env=variant.variables(), check=False)
     seconds = time.perf_counter() - begin
     found = DIGEST.search(run.stdout.strip())
     if run.returncode or not found:
@@ -86,8 +78,8 @@ def finish(line: Sequence[str], variant: Variant) -> Built:
 def kill(line: Sequence[str], variant: Variant, seconds: float) -> bool:
     """Starts a build and kills it, workers included; False if it had ended by then."""
     process = subprocess.Popen(
-        line, env=variant.variables(), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        start_new_session=True,
+        [sys.executable, *line], env=variant.variables(), stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL, start_new_session=True,
     )  # fmt: skip
     try:
         process.wait(seconds)
@@ -138,14 +130,12 @@ def row(
 
 
 def is_clean(cells: Sequence[str]) -> bool:
-    """Whether nothing differs in a row."""
     _, against, default, *others = cells
     is_same = all(cell in ("same", "—") for cell in others)
     return against in ("same", "none", "—") and default != "FAILED" and is_same
 
 
 def arguments(words: Sequence[str] | None) -> argparse.Namespace:
-    """Reads the command line."""
     names = [variant.name for variant in variants()]
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", 1)[0])
     parser.add_argument("--only", nargs="+", metavar="ID", help="datasets; default every mini")
@@ -155,7 +145,6 @@ def arguments(words: Sequence[str] | None) -> argparse.Namespace:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Returns 1 if any digest differs."""
     options = arguments(words)
     minis = [name for name in shipped_recipes() if "-mini-v" in name]
     chosen = [find_recipe(name).id for name in options.only] if options.only else minis

@@ -2,10 +2,8 @@
 
     python -m tests.benchmarks.bench_limits [ROW ...]
 
-Rows: random acted one transitions windows. Everything runs on one core, in
-turns, and counts processor time, so that it can be measured beside other work. Peers that are not
-installed are left out: vmas, mpe2, torchrl, flashbax. `bench_training` measures MAPPO. Buffers of
-peers hold the fields of our batches but the logarithms of probabilities and the next actions.
+Rows: random acted one transitions windows. Peers that are not installed are left out: vmas, mpe2,
+torchrl, flashbax. Their buffers hold the fields of our batches but `log_probs` and `next_actions`.
 """
 
 import os
@@ -27,18 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.types import Batch
-from tests.benchmarks.bench_worlds import (
-    ALL_CORES,
-    best_vmas,
-    preset_of,
-    record_teams,
-    team,
-)
+from tests.benchmarks.bench_worlds import best_vmas, preset_of, record_teams, team
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, timed
 from tests.benchmarks.large_dataset import make_large_dataset
 from tests.benchmarks.load_formats import OURS
-from tests.benchmarks.measuring import Rate, pair, table, write_section
+from tests.benchmarks.measuring import Rate, pair, table, use_last_core, write_section
 from tests.benchmarks.replays import Replay
 
 N_STEPS = 300_000
@@ -46,8 +37,6 @@ N_STEPS = 300_000
 
 
 class Row(NamedTuple):
-    """One line of the table."""
-
     work: str
     against: str
     ratio: Rate
@@ -74,7 +63,6 @@ def vmas_of(n_agents: int) -> Run | None:
 
 
 def random_rows() -> Iterator[Row]:
-    """Steps with random actions against VMAS."""
     for n in (4, 8, 16):
         work = f"steps, {n} robots, 64 copies, random actions"
         spec = team(n)
@@ -92,21 +80,12 @@ def acted_rows() -> Iterator[Row]:
 
 
 def one_rows() -> Iterator[Row]:
-    """One copy against MPE2."""
     spec = team(4)
     yield from compared("steps, 4 robots, 1 copy", swarm(spec, 1), physics(spec, 1), MPE2=mpe2(4))
 
 
-STATE_NAMES, STEP_NAMES = (
-    ("observations", "states"),
-    ("actions", "rewards", "terminations", "truncations"),
-)
-
-
-def n_bytes(batch: Batch) -> int:
-    """Of all fields."""
-    values = (getattr(batch, field.name) for field in fields(batch))
-    return sum(each.nbytes for each in values if each is not None)
+STATE_NAMES = ("observations", "states")
+STEP_NAMES = ("actions", "rewards", "terminations", "truncations")
 
 
 def ours_batches(dataset: Dataset, batch_size: int, length: int | None) -> Run:
@@ -117,7 +96,9 @@ def ours_batches(dataset: Dataset, batch_size: int, length: int | None) -> Run:
 
 def copy_batches(dataset: Dataset, batch_size: int, length: int | None) -> Run:
     """The limit: a contiguous copy of as many bytes, from the cache."""
-    size = n_bytes(next(dataset.sampler(batch_size, horizon=length)))
+    batch = next(dataset.sampler(batch_size, horizon=length))
+    values = (getattr(batch, field.name) for field in fields(batch))
+    size = sum(each.nbytes for each in values if each is not None)
     source, target = np.ones(size, np.uint8), np.empty(size, np.uint8)
     return timed(lambda _: np.copyto(target, source), batch_size * (length or 1))
 
@@ -174,7 +155,6 @@ def flashbax_batches(dataset: Dataset, batch_size: int, length: int) -> Run | No
 
 
 def batch_rows(dataset: Dataset, batch_size: int, length: int | None) -> Iterator[Row]:
-    """Batches against the buffers of others."""
     arguments = dataset, batch_size, length
     ours, limit = ours_batches(*arguments), copy_batches(*arguments)
     TorchRL = torchrl_batches(*arguments)
@@ -216,9 +196,7 @@ INTRO = (
 
 
 def main() -> None:
-    """Measures the rows named on the command line, all by default, on the last core."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(ALL_CORES)})
+    use_last_core()
     names = sys.argv[1:] or list(ROWS)
     rows = []
     for name in names:

@@ -2,16 +2,13 @@
 
     python -m tests.benchmarks.bench_load [n_steps] [folder]
 
-Every load runs in a fresh process on one core, in turns; files are in the page cache; imports are
-not counted. Seconds are those that the core worked, since others may share it; the clock's stand
-beside them. Memory is what the process holds more at its peak than before the load: pages of mapped
-files count, though the system may take them back at any time, so what it cannot take back is shown
-as well. Prints the table and puts it into docs/measurements.md.
+Every load runs in a new process on one core, in turns; files are in the page cache; imports are not
+counted. Memory is what the process holds more at its peak than before the load; of that, private
+memory is what the system cannot take back. Puts the table into docs/measurements.md.
 """
 
 import json
 import os
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,6 +19,7 @@ from swarmdata.datasets.dataset import Dataset
 from tests.benchmarks.large_dataset import make_large_dataset
 from tests.benchmarks.load_formats import FORMATS, MINARI, OURS
 from tests.benchmarks.measuring import table, write_section
+from tests.support.interpreter import python
 
 N_STEPS = 560_000
 """Joint steps of the default: 600 MB."""
@@ -60,16 +58,12 @@ def size_of(path: Path) -> int:
 
 
 def in_fresh_process(name: str, path: Path) -> dict[str, float]:
-    run = subprocess.run(
-        [sys.executable, "-m", "tests.benchmarks.bench_load", "--one", name, str(path)],
-        capture_output=True, text=True, check=True, timeout=600,
-    )  # fmt: skip
+    run = python("-m", "tests.benchmarks.bench_load", "--one", name, path, timeout=600)
     result: dict[str, float] = json.loads(run.stdout.splitlines()[-1])
     return result
 
 
 def compare(folder: Path, names: list[str]) -> str:
-    """Measures all formats in turns; returns the table."""
     rounds = [
         {name: in_fresh_process(name, folder / FORMATS[name].file) for name in names}
         for _ in range(ROUNDS)

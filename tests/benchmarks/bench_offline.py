@@ -3,12 +3,10 @@
     python -m tests.benchmarks.bench_offline [--eager]
 
 All runs of a table learn from the same dataset in one process on one core, in turns, and are timed
-by processor time, which the load of others changes less than the clock. A seed-update is one
-update of one seed; five sequential runs make as many in a second as one of them.
+by processor time. A seed-update is one update of one seed.
 """
 
 import argparse
-import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
@@ -30,7 +28,7 @@ from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.runtime.native_libraries import keep_freed_memory
-from tests.benchmarks.measuring import Rate, table, write_section
+from tests.benchmarks.measuring import Rate, table, use_last_core, write_section
 from tests.benchmarks.plain_loops import PlainBC, PlainTD3BC
 
 DATASET, HIDDEN, N_SEEDS, ROUNDS, BATCH = "coop_nav-medium-mini", (64, 128), 5, 5, 128
@@ -123,9 +121,7 @@ def compiled(update: Update) -> Update:
 
 
 def measure(
-    runs: Mapping[str, Update],
-    is_compiled: Sequence[str],
-    seconds: float,
+    runs: Mapping[str, Update], is_compiled: Sequence[str], seconds: float
 ) -> dict[str, list[float]]:
     """Updates a second of each run in each round; every other update moves the actors."""
     rates: dict[str, list[float]] = {name: [] for name in runs}
@@ -169,7 +165,6 @@ HEAD = (
 def networks_rows(
     name: str, data: Any, hidden: int, arguments: argparse.Namespace
 ) -> list[tuple[str, ...]]:
-    """Measures networks of one size."""
     plain = (PlainBC if name == "bc" else PlainTD3BC)(tensors_of(data), hidden, BATCH)
     work = operations(plain.train)
     runs: dict[str, Update] = {
@@ -192,15 +187,13 @@ def networks_rows(
 
 
 def main() -> None:
-    """Measures and writes the section."""
     parser = argparse.ArgumentParser()
     parser.add_argument("--eager", action="store_true", help="without the compiled runs")
     parser.add_argument("--seconds", type=float, default=0.4, help="of each turn")
     arguments = parser.parse_args()
     torch.set_num_threads(1)
     keep_freed_memory()  # as the trainer does
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    use_last_core()
     data = load(DATASET).split("train")
     rows: list[tuple[str, ...]] = []
     for name in ("bc", "maddpg_bc"):

@@ -46,8 +46,6 @@ Add = Callable[[int], None]
 
 
 class Turn(NamedTuple):
-    """What one process did."""
-
     frames: int
     seconds: float  # of the wall clock
     processor: float  # seconds of processor time, all threads
@@ -125,7 +123,6 @@ Start = tuple[str, int, int]
 
 
 def train(name: str, number: str, core: str) -> None:
-    """Trains until the turn is over, in this process."""
     import torch
 
     if hasattr(os, "sched_setaffinity"):
@@ -180,7 +177,6 @@ INTRO = (
 
 
 def main() -> None:
-    """Measures all, on the last core and the one before."""
     cores = sorted(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else [0]
     last = cores[-1]
     runs: dict[str, list[Start]] = {

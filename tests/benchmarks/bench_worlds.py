@@ -20,10 +20,15 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.sensing_models import Broadcast, LidarModel
 from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
-from tests.benchmarks.measuring import Rate, interleave, short, table, write_section
+from tests.benchmarks.measuring import (
+    Rate,
+    interleave,
+    short,
+    table,
+    use_last_core,
+    write_section,
+)
 from tests.benchmarks.replays import Recording, Replay, members, record
-
-ALL_CORES = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else {0}
 
 SIZES = (4, 8, 16, 32)
 TEAMS = ("random", "scripted", "medium", "expert")
@@ -65,7 +70,6 @@ def record_teams(
 
 
 def scanning(spec: TaskSpec) -> TaskSpec:
-    """The same task seen through 16 rays."""
     return spec.with_updates(observation=LidarModel(n_rays=16).model_dump())
 
 
@@ -137,7 +141,6 @@ ACTIONS_NOTE = (
 
 
 def state_section() -> None:
-    """Low-dimensional observations."""
     body = table((*HEAD, "MPE2", LIMIT), compare(0))
     write_section(
         "Low-dimensional observations",
@@ -151,7 +154,6 @@ def state_section() -> None:
 
 
 def lidar_section() -> None:
-    """Sixteen rays."""
     write_section(
         "Lidar of 16 rays",
         "Environment steps a second of `coop_nav` and of VMAS 'navigation' with collisions. Our "
@@ -162,7 +164,6 @@ def lidar_section() -> None:
 
 
 def one_section() -> None:
-    """One copy, which is what most users run first."""
     rows = []
     for n in (4, 8):
         spec = team(n)
@@ -218,7 +219,6 @@ def simulators_section() -> None:
 
 
 def tasks_section() -> None:
-    """Our own rates: every task, observation and communication model."""
     presets: list[tuple[str, ...]] = []
     models: list[tuple[str, ...]] = []
     for name in preset_names():
@@ -249,7 +249,6 @@ PRESET_HEAD = (
 
 
 def preset_row(name: str) -> tuple[str, ...]:
-    """Rates of a preset with the actions of every team."""
     spec = preset(name)
     recordings = record_teams(name, spec, TEAMS)
     acted = {team: Replay(spec, recording) for team, recording in recordings.items()}
@@ -260,7 +259,6 @@ def preset_row(name: str) -> tuple[str, ...]:
 
 
 def model_specs() -> dict[str, TaskSpec]:
-    """`coop_nav` with other observation and communication models."""
     base = preset("coop_nav")
     specs = {
         kind: base.with_updates(observation={"kind": kind})
@@ -283,9 +281,7 @@ SECTIONS: dict[str, Callable[[], None]] = {
 
 
 def main() -> None:
-    """Measures the sections named on the command line, all by default, on the last core."""
-    if hasattr(os, "sched_setaffinity"):
-        os.sched_setaffinity(0, {max(ALL_CORES)})
+    use_last_core()
     for name in sys.argv[1:] or SECTIONS:
         print(f"== {name}", flush=True)
         SECTIONS[name]()

@@ -59,7 +59,6 @@ def timed(advance: Callable[[int], object], n_copies: int) -> Run:
 
 
 def swarm(spec: TaskSpec, n_copies: int) -> Run:
-    """E copies of a task, through `VecEnv`."""
     env = make_env(spec, n_copies)
     shape = (N_ACTIONS, n_copies, spec.n_agents, env.action_size)
     actions = np.random.default_rng(0).uniform(-1, 1, shape)
@@ -80,13 +79,14 @@ def swarm(spec: TaskSpec, n_copies: int) -> Run:
 def swarm_parallel(spec: TaskSpec) -> Run:
     """One copy of a task, through PettingZoo's dictionaries."""
     env = ParallelWorld(spec)
-    rng = np.random.default_rng(0)
     shape = env.action_space(env.possible_agents[0]).shape
-    actions = [
-        {name: rng.uniform(-1, 1, shape).astype(np.float32) for name in env.possible_agents}
-        for _ in range(N_ACTIONS)
-    ]
+    return _parallel(env, lambda rng: rng.uniform(-1, 1, shape).astype(np.float32))
+
+
+def _parallel(env: Any, draw: Callable[[np.random.Generator], Any]) -> Run:
+    rng = np.random.default_rng(0)
     env.reset(seed=0)
+    actions = [{name: draw(rng) for name in env.possible_agents} for _ in range(N_ACTIONS)]
 
     def advance(k: int) -> None:
         env.step(actions[k % N_ACTIONS])
@@ -181,16 +181,4 @@ def mpe2(n_agents: int) -> Run:
     env: Any = simple_spread_v3.parallel_env(
         N=n_agents, continuous_actions=True, max_cycles=PEER_HORIZON
     )
-    rng = np.random.default_rng(0)
-    env.reset(seed=0)
-    actions = [
-        {name: rng.random(5, dtype=np.float32) for name in env.possible_agents}
-        for _ in range(N_ACTIONS)
-    ]
-
-    def advance(k: int) -> None:
-        env.step(actions[k % N_ACTIONS])
-        if not env.agents:
-            env.reset()
-
-    return timed(advance, 1)
+    return _parallel(env, lambda rng: rng.random(5, dtype=np.float32))

@@ -3,12 +3,9 @@
     python -m tests.benchmarks.fit_auto             thresholds, and tables of regrets
     python -m tests.benchmarks.fit_auto --measure   builds and measures new datasets first
 
-Scores are those of the study `regimes`: means of 5 seeds on full datasets. Statistics are of the
-train splits of a fifth of these datasets, in `auto_statistics.csv`. A regret is the score of the
-best algorithm of the study, ablations apart, less that of the chosen one. "Leave one dataset out"
-fits the thresholds to the other datasets, "leave one task out" to the datasets of other tasks. The
-statistics and the order of the questions were chosen with all datasets in view. The last table is
-of studies whose datasets are not part of the fit.
+Scores are those of the study `regimes`, means of 5 seeds; statistics are of train splits of a fifth
+of its datasets, in `auto_statistics.csv`. A regret is the score of the best algorithm, ablations
+apart, less that of the chosen one. The last table is of datasets that are not part of the fit.
 """
 
 import csv
@@ -68,8 +65,6 @@ Errors = dict[Threshold, int]
 
 @dataclass(frozen=True)
 class Row:
-    """A dataset with its scores and statistics."""
-
     dataset: str  # id without version
     scores: Mapping[str, float]  # by label of the study, without ablations
     statistics: EpisodeStatistics
@@ -109,12 +104,10 @@ def read_rows(study: Path = FITTED_STUDY) -> list[Row]:
 
 
 def read_later_rows() -> list[Row]:
-    """The datasets of the studies that are not part of the fit."""
     return [row for study in LATER_STUDIES for row in read_rows(study)]
 
 
 def read_measured() -> dict[str, EpisodeStatistics]:
-    """The statistics of each dataset that was measured."""
     with MEASURED.open(encoding="utf-8") as file:
         rows = {row.pop("dataset"): row for row in csv.DictReader(file)}
     return {

@@ -6,6 +6,7 @@ keep, are left out elsewhere. Minari has one reward per step, so it gets the tea
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.store.stored_dataset import Verify
 
 Arrays = dict[str, NDArray[Any]]
 
@@ -24,21 +26,11 @@ OURS, MINARI = "ours", "minari"
 
 @dataclass(frozen=True)
 class Format:
-    """How one format is written and loaded.
-
-    Attributes:
-        file: name of its file or folder.
-        packages: what it needs beside ours.
-        write: makes it from our dataset.
-        load: returns everything in memory, or mapped.
-        note: for the table.
-    """
-
-    file: str
-    packages: tuple[str, ...]
-    write: Callable[[Dataset, Path], None]
-    load: Callable[[Path], object]
-    note: str
+    file: str  # name of its file or folder
+    packages: tuple[str, ...]  # what it needs beside ours
+    write: Callable[[Dataset, Path], None]  # makes it from our dataset
+    load: Callable[[Path], object]  # returns everything in memory, or mapped
+    note: str  # for the table
 
 
 def steps_of(dataset: Dataset) -> Arrays:
@@ -151,16 +143,19 @@ def load_copy(path: Path) -> object:
     return {name: values.copy() for name, values in dataset.stored.arrays.items()}
 
 
+LEVELS: dict[Verify, str] = {
+    "none": "sizes and metadata",
+    "fast": "every chunk's xxh3",
+    "full": "both SHA-256 digests",
+}
+
 FORMATS = {
-    "swarmdata, verify='none'": Format(
-        OURS, (), no_write, lambda path: Dataset.open(path, "none"), "mapped; sizes and metadata"
-    ),
-    "swarmdata, verify='fast'": Format(
-        OURS, (), no_write, lambda path: Dataset.open(path, "fast"), "mapped; every chunk's xxh3"
-    ),
-    "swarmdata, verify='full'": Format(
-        OURS, (), no_write, lambda path: Dataset.open(path, "full"), "mapped; both SHA-256 digests"
-    ),
+    **{
+        f"swarmdata, verify={level!r}": Format(
+            OURS, (), no_write, partial(Dataset.open, verify=level), f"mapped; {checked}"
+        )
+        for level, checked in LEVELS.items()
+    },
     "swarmdata, 'fast', copied": Format(
         OURS, (), no_write, load_copy, "in memory; every chunk's xxh3"
     ),

@@ -30,7 +30,6 @@ class Rate(NamedTuple):
 
     @classmethod
     def of(cls, values: list[float]) -> "Rate":
-        """Of the rounds' values."""
         return cls(float(np.median(values)), min(values), max(values))
 
     def __str__(self) -> str:
@@ -42,9 +41,7 @@ def short(rate: float) -> str:
     """Three digits: 95.1, 12.3k, 1.25M."""
     for scale, unit in ((1e6, "M"), (1e3, "k")):
         if rate >= 0.9995 * scale:
-            return (
-                f"{rate / scale:.3g}{unit}" if rate < 999.5 * scale else f"{rate / scale:.0f}{unit}"
-            )
+            return f"{rate / scale:{'.3g' if rate < 999.5 * scale else '.0f'}}{unit}"
     return f"{rate:.3g}"
 
 
@@ -57,6 +54,11 @@ def interleave(runs: Mapping[str, Run], rounds: int = 5, seconds: float = 0.4) -
         for name, run in runs.items():
             rates[name].append(run(seconds))
     return {name: Rate.of(values) for name, values in rates.items()}
+
+
+def use_last_core() -> None:
+    if hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
 
 
 def pair(ours: Run, other: Run) -> Rate:

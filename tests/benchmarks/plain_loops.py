@@ -1,9 +1,7 @@
 """`bc` and `maddpg_bc` as in single-file implementations: one seed, torch modules, `.item()`.
 
-Written for the benchmark in the manner of CORL's `algorithms/offline/td3_bc.py`: a module per
-critic, an optimizer each, targets as deep copies that a loop over parameters moves, the dataset as
-tensors in memory, drawn by fancy indexing. Networks, inputs, batches and losses are those of ours,
-`maddpg_bc` with one stage; what critics see was made for all transitions before.
+In the manner of CORL's `algorithms/offline/td3_bc.py`. Networks, inputs, batches and losses are
+those of ours, `maddpg_bc` with one stage; what critics see was made for all transitions before.
 """
 
 import copy
@@ -49,7 +47,6 @@ class Critic(nn.Module):
 
 
 def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
-    """Polyak averaging, parameter by parameter."""
     for slow, fast in zip(target.parameters(), source.parameters(), strict=True):
         slow.data.copy_((1 - tau) * slow.data + tau * fast.data)
 
@@ -57,10 +54,7 @@ def soft_update(target: nn.Module, source: nn.Module, tau: float) -> None:
 class PlainBC:
     """One seed of behavior cloning.
 
-    Args:
-        data: `observations` with the robot's number [T, N, F] and `actions` [T, N, A].
-        hidden: size of both hidden layers.
-        batch_size: joint transitions of an update.
+    Data are `observations` with the robot's number [T, N, F] and `actions` [T, N, A].
     """
 
     def __init__(self, data: dict[str, Tensor], hidden: int, batch_size: int) -> None:
@@ -70,13 +64,11 @@ class PlainBC:
         self.optimizer = torch.optim.Adam(self.actor.parameters(), lr=3e-3)
 
     def sample(self) -> dict[str, Tensor]:
-        """Rows drawn with replacement."""
         n_rows = len(self.data["actions"])
         index = np.random.randint(0, n_rows, size=self.batch_size)  # noqa: NPY002
         return {name: tensor[index] for name, tensor in self.data.items()}
 
     def train(self) -> dict[str, float]:
-        """One update."""
         batch = self.sample()
         loss = mse_loss(self.actor(batch["observations"]), batch["actions"])
         self.optimizer.zero_grad()
@@ -88,11 +80,8 @@ class PlainBC:
 class PlainTD3BC(PlainBC):
     """One seed of TD3+BC with two critics of each robot.
 
-    Args:
-        data: as of `PlainBC`, with `next_observations`, `x` and `next_x`, what critics see besides
-            actions [T, N, X], scaled `rewards` [T, N] and `terminations` [T, 1].
-        hidden: size of both hidden layers of every network.
-        batch_size: joint transitions of an update.
+    Data are those of `PlainBC`, with `next_observations`, `x` and `next_x`, what critics see
+    besides actions [T, N, X], scaled `rewards` [T, N] and `terminations` [T, 1].
     """
 
     def __init__(self, data: dict[str, Tensor], hidden: int, batch_size: int) -> None:
@@ -108,7 +97,6 @@ class PlainTD3BC(PlainBC):
         self.critic_2_optimizer = torch.optim.Adam(self.critic_2.parameters(), lr=3e-3)
 
     def train(self) -> dict[str, float]:
-        """One update."""
         self.total_it += 1
         batch = self.sample()
         x, actions = batch["x"], batch["actions"]

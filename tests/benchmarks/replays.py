@@ -36,10 +36,7 @@ class Recording(NamedTuple):
 def members(team: str, preset: str, spec: TaskSpec) -> list[Policy]:
     """The policies of a team, which have equal shares; none if a tier has no checkpoints.
 
-    Args:
-        team: a registered policy, or a tier, whose checkpoints act without noise.
-        preset: whose checkpoints are meant.
-        spec: the task to act in.
+    A team is a registered policy, or a tier of the preset, whose checkpoints act without noise.
     """
     if team not in TRAINED_TIERS:
         return [make_policy(team, spec)]
@@ -84,10 +81,6 @@ class Replay:
 
     The task may have other observations than that of the recording, and other messages that the
     robots do not choose, since neither moves a robot. The return to the first step is not timed.
-
-    Args:
-        spec: the task.
-        recording: of a task with the same world.
     """
 
     def __init__(self, spec: TaskSpec, recording: Recording) -> None:
@@ -120,5 +113,4 @@ class Replay:
 
     @property
     def reset_share(self) -> float:
-        """Share of the time so far that went into resets."""
         return self._resetting / (self._stepping + self._resetting)

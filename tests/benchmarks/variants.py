@@ -1,23 +1,20 @@
 """The circumstances under which a dataset must be the same bits, and whether they are given here.
 
-A setting that a library ignores proves nothing, so a fresh interpreter is asked what it does under
-each of them: the kernel and the threads of OpenBLAS, and the CPU features that NumPy uses.
+A setting that a library ignores proves nothing, so a new interpreter is asked what it does.
 """
 
 import json
 import os
-import subprocess
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_info
 
-THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+from swarmdata.runtime.engines.jobs import THREAD_VARIABLES
+from tests.support.interpreter import python
+from tests.support.package_sources import ROOT
 
 CLEARED = (
     "OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES",
@@ -25,15 +22,13 @@ CLEARED = (
 )  # fmt: skip
 """Settings of the caller that no variant takes over."""
 
-KERNELS = MappingProxyType(
-    {
-        "Prescott": ("Prescott", "Katmai"),  # SSE3; the first of the names that share its kernels
-        "Nehalem": ("Nehalem",),  # SSE4.2
-        "Sandybridge": ("Sandybridge",),  # AVX
-        "Haswell": ("Haswell",),  # AVX2 and fused multiply-add
-        "SkylakeX": ("SkylakeX",),  # AVX-512
-    }
-)
+KERNELS = {
+    "Prescott": ("Prescott", "Katmai"),  # SSE3; the first of the names that share its kernels
+    "Nehalem": ("Nehalem",),  # SSE4.2
+    "Sandybridge": ("Sandybridge",),  # AVX
+    "Haswell": ("Haswell",),  # AVX2 and fused multiply-add
+    "SkylakeX": ("SkylakeX",),  # AVX-512
+}
 """OpenBLAS's kernels by the name one asks for, and the names that it then gives itself."""
 
 
@@ -47,8 +42,6 @@ class Probe(NamedTuple):
 
 @dataclass(frozen=True)
 class Variant:
-    """One way to build a dataset."""
-
     name: str
     environment: Mapping[str, str] = field(default_factory=dict)
     n_workers: int = 1
@@ -57,27 +50,18 @@ class Variant:
     obstacle: Callable[[Probe], str] = field(default=lambda probe: "", repr=False)
 
     def variables(self) -> dict[str, str]:
-        """The whole environment of its processes."""
         kept = {name: value for name, value in os.environ.items() if name not in CLEARED}
-        return {**kept, **dict.fromkeys(THREADS, str(self.n_threads)), **self.environment}
+        threads = dict.fromkeys(THREAD_VARIABLES, str(self.n_threads))
+        return {**kept, **threads, **self.environment}
 
     def unavailable(self) -> str:
-        """Why it cannot be had on this machine; empty if it can.
-
-        Raises:
-            subprocess.CalledProcessError: an interpreter does not start under it.
-        """
-        run = subprocess.run(
-            [sys.executable, "-m", "tests.benchmarks.variants"],
-            cwd=Path(__file__).parents[2], env=self.variables(), stdout=subprocess.PIPE,
-            text=True, check=True,
-        )  # fmt: skip
+        """Why it cannot be had on this machine; empty if it can."""
+        run = python("-m", "tests.benchmarks.variants", cwd=ROOT, env=self.variables())
         kernel, n_threads, features = json.loads(run.stdout)
         return self.obstacle(Probe(kernel, n_threads, tuple(features)))
 
 
 def probe() -> Probe:
-    """What the libraries of this interpreter do."""
     blas = next((each for each in threadpool_info() if each["internal_api"] == "openblas"), None)
     if blas is None:
         return Probe(None, 1, found_features())

@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -29,7 +31,7 @@ from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
-from swarmdata.types import Episode
+from swarmdata.types import Bool, Episode
 from tests.support.made_episodes import stored
 from tests.support.tiny import abandoned
 
@@ -89,16 +91,16 @@ def test_filter_holds_exactly_the_view(source: Dataset, tmp_path: Path) -> None:
 def test_filter_by_every_condition(source: Dataset, tmp_path: Path) -> None:
     table = source.episodes
     seeds = [int(s) for s in table.seeds[:5]]
-    cases = {
+    cases: dict[str, tuple[dict[str, Any], Bool]] = {
         "success": ({"success": False}, ~table.success),
         "policy": ({"policy": "tag-1"}, table.policy == 1),
         "split": ({"split": "train"}, table.split == 0),
         "range": ({"max_return": 2.0, "min_return": -5.0}, np.abs(table.team_return + 1.5) <= 3.5),
         "seeds": ({"seeds": seeds}, np.isin(table.seeds, seeds)),
         "episodes": ({"episodes": [1, 3, 4]}, np.isin(np.arange(len(table)), [1, 3, 4])),
-    }  # fmt: skip
+    }
     for name, (conditions, mask) in cases.items():
-        made = filter_dataset(source, tmp_path / name, id="coop_nav-some-v0", **conditions)  # type: ignore[arg-type]
+        made = filter_dataset(source, tmp_path / name, id="coop_nav-some-v0", **conditions)
         np.testing.assert_array_equal(made.episodes.seeds, table.seeds[mask], name)
         labels = {p.label for p in made.recipe.policies}
         assert labels == {f"tag-{k}" for k in np.unique(table.policy[mask])}  # those that acted
@@ -106,20 +108,17 @@ def test_filter_by_every_condition(source: Dataset, tmp_path: Path) -> None:
 
 def test_filter_refuses_what_is_not_there(source: Dataset, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    with pytest.raises(
-        SchemaError, match=r"seeds of coop_nav-synthetic-v0 \[99999\] are not there"
-    ):
-        filter_dataset(source, out, id="coop_nav-some-v0", seeds=[0, 99999])
-    with pytest.raises(SchemaError, match=r"episodes of .* \[500\] are not there"):
-        filter_dataset(source, out, id="coop_nav-some-v0", episodes=[500])
-    with pytest.raises(UnknownNameError, match="tag-1"):
-        filter_dataset(source, out, id="coop_nav-some-v0", policy="tag-2")
-    with pytest.raises(BuildError, match="meets the conditions"):
-        filter_dataset(source, out, id="coop_nav-some-v0", min_return=1e9)
-    with pytest.raises(BuildError, match="none of the episodes is in the train split"):
-        filter_dataset(source, out, id="coop_nav-some-v0", split="test")
-    with pytest.raises(SpecError, match="invalid Edit"):
-        filter_dataset(source, out, id="../coop_nav", success=False)
+    cases: list[tuple[dict[str, Any], type[Exception], str]] = [
+        ({"seeds": [0, 99999]}, SchemaError, r"seeds of .*synthetic-v0 \[99999\] are not there"),
+        ({"episodes": [500]}, SchemaError, r"episodes of .* \[500\] are not there"),
+        ({"policy": "tag-2"}, UnknownNameError, "tag-1"),
+        ({"min_return": 1e9}, BuildError, "meets the conditions"),
+        ({"split": "test"}, BuildError, "none of the episodes is in the train split"),
+        ({"success": False, "id": "../coop_nav"}, SpecError, "invalid Edit"),
+    ]
+    for conditions, error, message in cases:
+        with pytest.raises(error, match=message):
+            filter_dataset(source, out, **{"id": "coop_nav-some-v0", **conditions})
     assert not out.exists()
 
 
@@ -205,16 +204,13 @@ def test_killed_in_the_middle_leaves_nothing(
     abandoned(tmp_path / "out")
     others = abandoned(tmp_path / "out-more")
     with monkeypatch.context() as patch:
-        patch.setattr("swarmdata.store.assembly.create_metadata", _no_space)
+        full = OSError("no space left on device")
+        patch.setattr("swarmdata.store.assembly.create_metadata", Mock(side_effect=full))
         with pytest.raises(OSError, match="no space"):
             filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
     assert [p.name for p in tmp_path.iterdir()] == [others.name]
     made = filter_dataset(source, tmp_path / "out", id="coop_nav-some-v0", policy="tag-0")
     assert made.digest == Dataset.open(tmp_path / "out", verify="full").digest
-
-
-def _no_space(*_: object) -> None:
-    raise OSError("no space left on device")
 
 
 def test_edits_of_edits_are_made_again(source: Dataset, other: Dataset, tmp_path: Path) -> None:

@@ -2,8 +2,7 @@
 
 import os
 import pickle
-import subprocess
-import sys
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from llvmlite import binding
 
 from swarmdata.building.kernel_pack import gather
 from swarmdata.runtime import kernel_cache
+from tests.support.interpreter import python
 
 SCRIPT = """
 from pathlib import Path
@@ -27,6 +27,8 @@ assert halve(3.0) == 1.5
 print(sum(halve.stats.cache_hits.values()))
 """
 
+FOR_PACKS = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
+
 pytestmark = pytest.mark.skipif(
     not kernel_cache.runs_pack(), reason="packs are for x86-64 with AVX2"
 )
@@ -41,19 +43,14 @@ def script(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def run(script: Path, pack: Path, cache: Path, **environment: str) -> int:
     """How many kernels were loaded."""
-    result = subprocess.run(
-        [sys.executable, str(script), str(pack)],
-        env={**os.environ, "NUMBA_CACHE_DIR": str(cache), **environment},
-        capture_output=True, text=True, check=True,
-    )  # fmt: skip
-    return int(result.stdout)
+    variables = {**os.environ, "NUMBA_CACHE_DIR": str(cache), **environment}
+    return int(python(script, pack, env=variables).stdout)
 
 
 @pytest.fixture(scope="module")
 def pack(script: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
-    cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
-    assert run(script, folder / "none", folder / "kernels", **cpu) == 0
+    assert run(script, folder / "none", folder / "kernels", **FOR_PACKS) == 0
     gather((folder / "kernels").rglob("*.nbc"), folder / "pack")
     return folder / "pack"
 
@@ -70,8 +67,7 @@ def test_a_pack_needs_no_kernel_that_only_kernels_call(script: Path, tmp_path: P
     mark = "@kernels.kernel\n"
     nested = tmp_path / "nested.py"
     nested.write_text(text.replace(mark, f"{mark}def half() -> float:\n    return 0.5\n\n{mark}"))
-    cpu = {"NUMBA_CPU_NAME": kernel_cache.PACK_CPU, "NUMBA_CPU_FEATURES": ""}
-    run(nested, tmp_path / "none", tmp_path / "kernels", **cpu)
+    run(nested, tmp_path / "none", tmp_path / "kernels", **FOR_PACKS)
     compiled = {file.name.split("-")[0]: file for file in (tmp_path / "kernels").rglob("*.nbc")}
     assert {"nested.half", "nested.halve"} == compiled.keys()
 
@@ -98,13 +94,8 @@ def of_another_numba(index: Path) -> None:
 def test_a_pack_that_does_not_fit_is_ignored(
     script: Path, pack: Path, tmp_path: Path, spoil: Callable[[Path], None]
 ) -> None:
-    for file in pack.rglob("*.nb[ci]"):
-        copy = tmp_path / "pack" / file.relative_to(pack)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        copy.write_bytes(file.read_bytes())
-    (index,) = (tmp_path / "pack").rglob("*.nbi")
+    (index,) = Path(shutil.copytree(pack, tmp_path / "pack")).rglob("*.nbi")
     spoil(index)
-
     assert run(script, tmp_path / "pack", tmp_path / "kernels") == 0
 
 

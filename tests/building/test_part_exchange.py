@@ -19,14 +19,9 @@ from swarmdata.store import read_manifest
 from tests.building.conftest import SMALL
 from tests.support.at_once import run_at_once
 from tests.support.command_line import run
+from tests.support.tiny import flip
 
 pytestmark = pytest.mark.usefixtures("one_process")
-
-
-@pytest.fixture
-def shelf(tmp_path: Path) -> FolderRemote:
-    (tmp_path / "shelf").mkdir()
-    return FolderRemote((tmp_path / "shelf").as_uri())
 
 
 def bucket(folder: Path) -> Remote:
@@ -34,9 +29,14 @@ def bucket(folder: Path) -> Remote:
     return BucketRemote("memory://parts")
 
 
-def folder(folder: Path) -> Remote:
+def folder(folder: Path) -> FolderRemote:
     (folder / "shelf").mkdir()
     return FolderRemote((folder / "shelf").as_uri())
+
+
+@pytest.fixture
+def shelf(tmp_path: Path) -> FolderRemote:
+    return folder(tmp_path)
 
 
 @pytest.mark.slow
@@ -77,10 +77,7 @@ def test_a_machine_goes_on_where_another_one_died(
 
 def test_a_damaged_part_is_not_taken(shelf: FolderRemote, tmp_path: Path) -> None:
     make_share(SMALL, tmp_path / "d", 1, 1, remote=shelf)
-    file = next((tmp_path / "shelf").rglob("*.tar"))
-    content = bytearray(file.read_bytes())
-    content[1000] ^= 1
-    file.write_bytes(content)
+    flip(next((tmp_path / "shelf").rglob("*.tar")), 1000)
     with pytest.raises(ChecksumError, match="is damaged: its content has another SHA-256"):
         receive_parts(SMALL, tmp_path / "other" / "d", shelf)
 
@@ -98,7 +95,7 @@ def test_a_part_is_packed_into_the_same_bytes(shelf: FolderRemote, tmp_path: Pat
     for name in ("a", "b"):
         make_share(SMALL, tmp_path / name / "d", 1, 2)
         parts = Parts(SMALL, build_folder(tmp_path / name / "d"))
-        exchange = PartExchange.open(parts, shelf)
+        exchange = PartExchange(parts, shelf)
         exchange.there.clear()
         exchange.send()
     exchange.look()  # raises if they differ

@@ -30,7 +30,6 @@ def test_the_other_minis_rebuild_to_their_published_digests(tier: str) -> None:
 
 @pytest.fixture(scope="module")
 def default() -> Built:
-    """The learned dataset with few steps."""
     found = build(LEARNED, variants()[0], n_steps=FEW)
     assert found.message == ""
     return found

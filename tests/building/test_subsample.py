@@ -10,20 +10,17 @@ from hypothesis import strategies as st
 from swarmdata.building.subsample import bin_of, matched, proportional, quantile_edges, sized
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.store import EpisodeTable
+from tests.support.episode_table import episode_table
 
 
 def table_of(lengths: list[int], returns: list[float] | None = None) -> EpisodeTable:
     """Episodes whose policies and splits go round."""
-    n = len(lengths)
-    index = np.arange(n)
-    none = np.zeros(n, dtype=np.int64)
-    steps = np.array(lengths, dtype=np.int64)
-    return EpisodeTable(
-        starts=np.cumsum(steps) - steps, lengths=steps, seeds=index.astype(np.uint64) * 7 + 3,
-        layouts=np.zeros((n, 0, 8), np.float32), split=(index % 3).astype(np.uint8),
-        end_reason=np.zeros(n, np.uint8), policy=(index % 2).astype(np.uint8), policy_episode=none,
+    index, steps = np.arange(len(lengths)), np.array(lengths, dtype=np.int64)
+    return episode_table(
+        len(lengths), starts=np.cumsum(steps) - steps, lengths=steps,
+        seeds=index.astype(np.uint64) * 7 + 3, split=(index % 3).astype(np.uint8),
+        policy=(index % 2).astype(np.uint8),
         team_return=np.array(returns if returns is not None else index, dtype=np.float64),
-        success=np.zeros(n, np.bool_), robot_collisions=none, obstacle_collisions=none,
     )  # fmt: skip
 
 

@@ -36,10 +36,6 @@ def tight(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scratch_arrays, "MEMORY_BYTES", 0)
 
 
-def findings(path: Path) -> tuple[Finding, ...]:
-    return audit(path, sample=2, progress=False).findings
-
-
 @pytest.mark.slow
 @settings(max_examples=5)
 @given(rows=st.integers(1, 300), ends=st.integers(1, 20))

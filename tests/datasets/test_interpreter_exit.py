@@ -1,10 +1,10 @@
 """A program that uses datasets and worlds beside other libraries ends without a word."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+
+from tests.support.interpreter import python
 
 PROGRAM = """
 import keyword as early
@@ -43,11 +43,6 @@ print(len(dataset))
 def test_nothing_is_printed_at_exit(tiny: Path, beside: str, backend: str) -> None:
     if beside == "torch":
         pytest.importorskip("torch", reason="an extra")
-    result = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(tiny), beside, backend],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    result = python("-c", PROGRAM, tiny, beside, backend, check=False)
     assert (result.returncode, result.stderr) == (0, "")
     assert int(result.stdout) > 0

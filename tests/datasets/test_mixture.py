@@ -14,7 +14,6 @@ from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import find_frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
-from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY, make_tiny
 
 WEIGHTS = (0.8, 0.2)
@@ -174,10 +173,7 @@ def test_a_part_without_episodes_is_left_out(mixture: Mixture) -> None:
         mixture.filter(min_return=1e9)
 
 
-def test_wrong_mixtures_are_refused(
-    parts: tuple[Dataset, Dataset], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    use_one_process(monkeypatch)
+def test_wrong_mixtures_are_refused(parts: tuple[Dataset, Dataset], tmp_path: Path) -> None:
     spec = TINY.spec.with_updates(horizon=20)
     shorter = Dataset.open(make_tiny(tmp_path / "short", id="coop_nav-short-v0", spec=spec))
     with pytest.raises(SchemaError, match="their specs differ in horizon"):

@@ -20,33 +20,23 @@ from swarmdata.datasets.reobservation import (
     reobserved_episode,
 )
 from swarmdata.errors import SpecError, UnknownNameError
-from swarmdata.registry.components import TASKS, make_env, make_policy, make_task
+from swarmdata.registry.components import TASKS, make_task
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import Reference
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
-from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing import dataset_contract as contract
 from swarmdata.types import Episode
-from tests.support.made_episodes import stored
+from tests.support.made_episodes import play, played, record
 from tests.support.pairs import once_each
 
 OBSERVATIONS = (
-    "state",
-    "lidar",
-    "bearing",
-    "occupancy",
-    "state+noise-0.05+delay-2",
+    *("state", "lidar", "bearing", "occupancy", "state+noise-0.05+delay-2"),
     "lidar-20+noise-0.05+dropout-0.2+delay-1+stack-3",
 )
 COMMUNICATIONS = (
-    "none",
-    "perfect",
-    "lossy-30+delayed-2",
-    "goal+bursty-20+nearest-2",
-    "state+bandwidth-1+ring+range-1.5",
-    "learned-3+aloha-4+bits-6",
+    *("none", "perfect", "lossy-30+delayed-2", "goal+bursty-20+nearest-2"),
+    *("state+bandwidth-1+ring+range-1.5", "learned-3+aloha-4+bits-6"),
 )
 PAIRED = (
     ("state-0+goal-for-0+no-velocities", "errand"),
@@ -71,11 +61,6 @@ def short(name: str, observation: str = "state", communication: str = "none") ->
     return with_models(spec, observation, communication)
 
 
-def play(spec: TaskSpec, n: int = 6, policy: str = "random", first: int = 0) -> list[Episode]:
-    seeds = np.arange(first, first + n, dtype=np.uint64)
-    return list(rollout(make_env(spec, 4), make_policy(policy, spec), seeds))
-
-
 def recorded_of(episodes: list[Episode]) -> RecordedEpisodes:
     lengths = np.array([len(episode) for episode in episodes])
     return RecordedEpisodes(
@@ -88,28 +73,11 @@ def recorded_of(episodes: list[Episode]) -> RecordedEpisodes:
     )
 
 
-def record(folder: Path, spec: TaskSpec, n: int = 20) -> Dataset:
-    """A stored dataset of two policies."""
-    labels = ("random", "straight")
-    streams = [
-        [replace(e, policy=k) for e in play(spec, n, label, first=100 * k)]
-        for k, label in enumerate(labels)
-    ]
-    n_steps = min(sum(map(len, stream)) for stream in streams)
-    recipe = Recipe(
-        id="coop_nav-test-v0",
-        tier="test",
-        spec=spec,
-        policies=tuple(PolicySource(label=label, name=label) for label in labels),
-        n_steps=3 * n_steps // 2,
-        splits=Splits(block=4),
-    )
-    return replace(stored(folder, recipe, streams), references=Reference(-10.0, 5.0))
-
-
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return record(tmp_path_factory.mktemp("recorded") / "ds", short("coop_nav"))
+    folder = tmp_path_factory.mktemp("recorded") / "ds"
+    made = record(folder, short("coop_nav"), 20, "random", "straight", block=4)
+    return replace(made, references=Reference(-10.0, 5.0))
 
 
 @pytest.fixture(scope="module")
@@ -131,7 +99,7 @@ def test_the_recorded_models_give_the_recorded_bits(
     world: str, observation: str, communication: str
 ) -> None:
     spec = short(world, observation, communication)
-    episodes = play(spec)
+    episodes = play(spec, 6, "random")
     arrays = observe_episodes(make_task(spec), recorded_of(episodes), n_copies=4, progress=False)
     for name in OBSERVED_ARRAYS:
         recorded = np.concatenate([getattr(episode, name) for episode in episodes])
@@ -149,7 +117,7 @@ def test_the_recorded_models_give_the_recorded_bits(
 def test_neither_batches_nor_order_matter(
     models: tuple[str, str], n_copies: int, order: list[int]
 ) -> None:
-    episodes = play(short("coop_nav"))
+    episodes = play(short("coop_nav"), 6, "random")
     assert len({len(episode) for episode in episodes}) > 1
     task = make_task(short("coop_nav", *models))
     shuffled = recorded_of([episodes[k] for k in order])
@@ -247,7 +215,8 @@ def test_statistics_of_equal_models_are_those_of_the_manifest(dataset: Dataset) 
 def test_learned_messages_are_part_of_the_actions(dataset: Dataset, tmp_path: Path) -> None:
     with pytest.raises(SpecError, match=r"learned messages of 2 values.* which hold none"):
         dataset.reobserve(communication="learned-2", progress=False)
-    talking = record(tmp_path / "ds", short("coop_nav", "state", "learned-2"), n=4)
+    spec = short("coop_nav", "state", "learned-2")
+    talking = record(tmp_path / "ds", spec, 4, "random", "straight", block=4)
     with pytest.raises(SpecError, match=r"learned messages of 3 values.*messages of 2 values"):
         talking.reobserve(communication="learned-3", progress=False)
     lossy = talking.reobserve(communication="learned-2+lossy-50", progress=False)
@@ -269,13 +238,13 @@ def test_unknown_models_are_explained(dataset: Dataset) -> None:
 
 def test_lost_messages_are_those_that_a_clear_channel_delivers() -> None:
     spec = short("coop_nav", "state", "lossy-40+range-2+delayed-1")
-    (episode,) = play(spec, 1)
+    episode = played(spec, 0, "random")
     attempted = attempted_links(episode, spec)
     assert attempted is not None
     assert not (episode.delivered & ~attempted).any()
     assert 0.4 < episode.delivered.sum() / attempted.sum() < 0.8
     clear = short("coop_nav", "state", "range-2")
-    (heard,) = play(clear, 1)
+    heard = played(clear, 0, "random")
     np.testing.assert_array_equal(attempted_links(heard, clear), heard.delivered)
     assert attempted_links(episode, short("coop_nav")) is None
 

@@ -16,15 +16,13 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.reweighting import Reweighting
 from swarmdata.errors import ConversionError, SchemaError, SpecError, UnknownNameError
 from swarmdata.interop.export import export_dataset
-from swarmdata.registry.components import TASKS, make_env, make_policy
+from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import Episode, Float
-from tests.support.made_episodes import stored
+from tests.support.made_episodes import play, record
 from tests.support.own_rewards import effort
 from tests.support.pairs import every
 
@@ -35,39 +33,22 @@ def short(name: str) -> TaskSpec:
     return preset(name).with_updates(horizon=30)
 
 
-def play(spec: TaskSpec, n: int = 12) -> list[Episode]:
-    seeds = np.arange(n, dtype=np.uint64)
-    return list(rollout(make_env(spec, 4), make_policy("straight", spec), seeds))
-
-
 def with_weights(spec: TaskSpec, **changes: float) -> TaskSpec:
     weights = changed_weights(spec.rules.rewards, changes)
     return spec.with_updates(rules=spec.rules.model_copy(update={"rewards": weights}))
 
 
-def record(folder: Path, spec: TaskSpec) -> Dataset:
-    episodes = play(spec)
-    recipe = Recipe(
-        id=f"{spec.task}-short-v0",
-        tier="some",
-        spec=spec,
-        policies=(PolicySource(label="straight", name="straight"),),
-        n_steps=sum(map(len, episodes)),
-        splits=Splits(block=5),
-    )
-    return stored(folder / "ds", recipe, [episodes])
-
-
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return record(tmp_path_factory.mktemp("reweighted"), short("coop_nav"))
+    folder = tmp_path_factory.mktemp("reweighted") / "ds"
+    return record(folder, short("coop_nav"), 12, "straight", block=5)
 
 
 @pytest.mark.parametrize("task", every(3, list(TASKS)))
 def test_rewards_are_those_of_a_world_with_these_weights(task: str, tmp_path: Path) -> None:
-    recorded = record(tmp_path, short(task))
+    recorded = record(tmp_path / "ds", short(task), 12, "straight", block=5)
     view = recorded.with_rewards(**CHANGES)
-    changed = play(with_weights(short(task), **CHANGES))
+    changed = play(with_weights(short(task), **CHANGES), 12)
     assert len(view) == len(changed)
     for ours, theirs, old in zip(view, changed, recorded, strict=True):
         np.testing.assert_array_equal(ours.rewards, theirs.rewards)

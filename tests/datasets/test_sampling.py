@@ -1,18 +1,20 @@
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.sampling import Sampler
 from swarmdata.errors import SchemaError
 from swarmdata.testing.synthetic import make_dataset
-from swarmdata.types import Batch, Episode, Float
+from swarmdata.types import Batch, Episode
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 1, 1, 12], [5, 5, 1, 8, 1, 1, 3, 2, 9, 9, 9]]
 
@@ -29,9 +31,16 @@ def assert_equal_batches(first: Batch, second: Batch) -> None:
         assert np.array_equal(getattr(first, name), getattr(second, name)), name
 
 
-def after(episode: Episode) -> Float:
-    """Actions of the step after each one; nobody acts after the end."""
-    return np.concatenate([episode.actions[1:], np.zeros_like(episode.actions[:1])])
+def steps_of(episode: Episode) -> dict[str, NDArray[Any]]:
+    """What a batch has of each step; nobody acts after the end."""
+    names = ("actions", "log_probs", "rewards", "terminations", "truncations")
+    return {name: getattr(episode, name) for name in names} | {
+        "observations": episode.observations[:-1],
+        "next_observations": episode.observations[1:],
+        "states": episode.states[:-1],
+        "next_states": episode.states[1:],
+        "next_actions": np.concatenate([episode.actions[1:], 0 * episode.actions[:1]]),
+    }
 
 
 def view_of(dataset: Dataset, seed: int) -> Dataset:
@@ -51,16 +60,8 @@ def test_transitions_never_cross(dataset: Dataset, seed: int, batch_size: int) -
     for b in range(batch_size):
         episode = by_seed[int(batch.observations[b, 0, 0])]
         t = int(batch.observations[b, 0, 1])
-        assert np.array_equal(batch.observations[b], episode.observations[t])
-        assert np.array_equal(batch.next_observations[b], episode.observations[t + 1])
-        assert np.array_equal(batch.states[b], episode.states[t])
-        assert np.array_equal(batch.next_states[b], episode.states[t + 1])
-        assert np.array_equal(batch.actions[b], episode.actions[t])
-        assert np.array_equal(batch.rewards[b], episode.rewards[t])
-        assert batch.terminations[b] == episode.terminations[t]
-        assert batch.truncations[b] == episode.truncations[t]
-        assert np.array_equal(batch.next_actions[b], after(episode)[t])
-        assert np.array_equal(batch.log_probs[b], episode.log_probs[t])
+        for name, values in steps_of(episode).items():
+            assert np.array_equal(getattr(batch, name)[b], values[t]), name
         assert view[int(batch.episodes[b])].seed == episode.seed
     assert batch.mask.all()
 
@@ -78,23 +79,13 @@ def test_windows_never_cross(dataset: Dataset, seed: int, horizon: int) -> None:
         episode = by_seed[int(batch.observations[b, 0, 0, 0])]
         t = int(batch.observations[b, 0, 0, 1])
         n = min(horizon, len(episode) - t)
-        expected = {
-            "observations": episode.observations[t : t + n],
-            "next_observations": episode.observations[t + 1 : t + n + 1],
-            "states": episode.states[t : t + n],
-            "next_states": episode.states[t + 1 : t + n + 1],
-            "actions": episode.actions[t : t + n],
-            "rewards": episode.rewards[t : t + n],
-            "terminations": episode.terminations[t : t + n],
-            "truncations": episode.truncations[t : t + n],
-            "mask": np.ones(n, dtype=bool),
-            "next_actions": after(episode)[t : t + n],
-            "log_probs": episode.log_probs[t : t + n],
-            "episodes": np.full(n, positions[episode.seed]),
+        expected = steps_of(episode) | {
+            "mask": np.ones(len(episode), dtype=bool),
+            "episodes": np.full(len(episode), positions[episode.seed]),
         }
         for name, values in expected.items():
             got = getattr(batch, name)[b]
-            assert np.array_equal(got[:n], values), name
+            assert np.array_equal(got[:n], values[t : t + n]), name
             assert not got[n:].any(), name
 
 
@@ -263,21 +254,14 @@ def test_impossible_samplers_are_refused(dataset: Dataset) -> None:
         dataset.sampler(seed=-1)
 
 
-def test_torch_batches_share_memory(dataset: Dataset) -> None:
-    pytest.importorskip("torch", reason="tensors need the torch extra")
-    batch = next(dataset.sampler(4))
-    tensors = batch.to_torch()
-    tensors.rewards[0, 0] = 42
-    assert batch.rewards[0, 0] == 42
-
-
 @pytest.mark.parametrize("horizon", [None, 5])
-def test_tensors_of_log_probs_are_those_of_the_batch(dataset: Dataset, horizon: int | None) -> None:
+def test_torch_batches_share_memory(dataset: Dataset, horizon: int | None) -> None:
     pytest.importorskip("torch", reason="tensors need the torch extra")
     batch = next(dataset.sampler(4, horizon=horizon))
-    assert batch.log_probs.dtype == np.float32
-    assert batch.log_probs.shape == batch.rewards.shape
-    assert np.array_equal(batch.to_torch().log_probs.numpy(), batch.log_probs)
+    tensors = batch.to_torch()
+    tensors.rewards[0, ...] = 42
+    assert (batch.rewards[0] == 42).all()
+    assert np.array_equal(tensors.log_probs.numpy(), batch.log_probs)
 
 
 @pytest.mark.parametrize("horizon", [None, 5])

@@ -9,15 +9,12 @@ pytest.importorskip("torch")
 
 import swarmdata
 from tests.examples import own_algorithm as example
-from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY, make_tiny
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Dataset:
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        path = make_tiny(tmp_path_factory.mktemp("own") / TINY.id, n_steps=160)
+    path = make_tiny(tmp_path_factory.mktemp("own") / TINY.id, n_steps=160)
     return swarmdata.load(path, progress=False)
 
 

@@ -1,7 +1,5 @@
 """The example computes a dataset's rewards where our package cannot be imported."""
 
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,7 @@ import zarr
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRewards, NavigationRules
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
-from tests.support.one_process import use_one_process
+from tests.support.interpreter import python
 from tests.support.tiny import TINY, make_tiny
 
 EXAMPLE = Path(__file__).with_name("read_with_zarr.py")
@@ -39,21 +37,12 @@ SPEC = TaskSpec(
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        path = tmp_path_factory.mktemp("outside") / TINY.id
-        return make_tiny(path, spec=SPEC, n_steps=1500)
+    return make_tiny(tmp_path_factory.mktemp("outside") / TINY.id, spec=SPEC, n_steps=1500)
 
 
 def differences(folder: Path, cwd: Path, example: Path = EXAMPLE) -> list[float]:
     """An example's differences by episode, run by an interpreter without our packages."""
-    done = subprocess.run(
-        [sys.executable, "-I", "-c", CODE, example, folder],
-        capture_output=True,
-        text=True,
-        cwd=cwd,
-        check=False,
-    )
+    done = python("-I", "-c", CODE, example, folder, cwd=cwd, check=False)
     assert done.returncode == 0, done.stderr
     return [float(word) for word in done.stdout.split()]
 
@@ -69,12 +58,17 @@ def test_rewards_are_computed_again_from_the_folder_alone(folder: Path, tmp_path
     assert stored.arrays["events"].any(axis=(0, 1)).all(), "the data lack an event"
 
 
-@pytest.mark.slow
-def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> None:
+def check_notices(folder: Path, cwd: Path, example: Path = EXAMPLE) -> None:
+    """An example sees a changed reward."""
     rewards: Any = zarr.open_array(folder / "data.zarr" / "rewards", mode="r+")
     rewards[7, 2] += np.float32(1e-3)
-    assert max(differences(folder, tmp_path)) == pytest.approx(1e-3, rel=1e-2)
+    assert max(differences(folder, cwd, example)) == pytest.approx(1e-3, rel=1e-2)
     rewards[7, 2] -= np.float32(1e-3)
+
+
+@pytest.mark.slow
+def test_the_example_notices_a_changed_reward(folder: Path, tmp_path: Path) -> None:
+    check_notices(folder, tmp_path)
 
 
 def test_it_is_forty_lines() -> None:

@@ -34,6 +34,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import read_manifest, write_file
 from swarmdata.store.assembly import assemble
 from swarmdata.testing.synthetic import make_dataset
+from tests.support.interpreter import python
 from tests.support.namespaces import CLONE_NEWNS, enter
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.tiny import TINY, make_tiny
@@ -193,8 +194,5 @@ def _without_kernels(folder: Path) -> str:
     variables = {name: value for name, value in os.environ.items() if name not in names}
     uses = "import swarmdata.envs.world.world; print(swarmdata.make_env)"
     code = f"import sys; sys.path[:] = {sys.path!r}; {uses}"
-    found = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, env={**variables, "HOME": str(folder)},
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    found = python("-c", code, cwd=ROOT, env={**variables, "HOME": str(folder)}, check=False)
     return f"{found.returncode} {found.stdout}{found.stderr}"

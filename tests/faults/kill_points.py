@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -39,7 +40,7 @@ class Operation:
     """Something that changes the disk below a folder."""
 
     prepare: Callable[[Path], None]
-    run: Callable[[Path], None]
+    run: Callable[[Path], object]
     check: Callable[[Path], None]  # after a kill, before it is run again
 
 
@@ -50,7 +51,7 @@ def is_change(event: str, arguments: tuple[Any, ...]) -> bool:
     return bool(arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT))
 
 
-def forked(work: Callable[[], None]) -> int:
+def forked(work: Callable[[], object]) -> int:
     """Runs something in a child and returns how it ended; standard error is left alone."""
     child = os.fork()
     if child == 0:
@@ -63,7 +64,7 @@ def forked(work: Callable[[], None]) -> int:
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
 
 
-def killed_at(k: int, work: Callable[[], None]) -> bool:
+def killed_at(k: int, work: Callable[[], object]) -> bool:
     """Runs something and kills it before its k-th change; False: it ended before."""
     left = k
 
@@ -152,20 +153,18 @@ def operations(root: Path) -> dict[str, Operation]:
         expected = (root / "reference" / "x.hdf5").read_bytes()
         assert not (place / "x.hdf5").exists() or (place / "x.hdf5").read_bytes() == expected
 
+    remotes = [shelf.address]
     return {
         "export": Operation(Path.mkdir, export, exported_or_absent),
         "repair": Operation(
             damaged,
-            lambda place: _ignore(repair(place / TINY.id, remotes=[shelf.address], progress=False)),
+            lambda place: repair(place / TINY.id, remotes=remotes, progress=False),
             others_are_whole,
         ),
         "fetch": Operation(
             Path.mkdir,
-            lambda place: _ignore(
-                obtain(
-                    request_of_recipe(TINY, place / TINY.id),
-                    Remotes([shelf.address], progress=False),
-                )
+            lambda place: obtain(
+                request_of_recipe(TINY, place / TINY.id), Remotes(remotes, progress=False)
             ),
             whole_or_absent,
         ),
@@ -176,18 +175,10 @@ def make_parts(folder: Path) -> Path:
     """The finished parts of the tiny dataset."""
     folder.mkdir()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(build_module, "assemble", _stop)
+        patch.setattr(build_module, "assemble", Mock(side_effect=InterruptedError))
         with pytest.raises(InterruptedError):
             make_tiny(folder / TINY.id)
     return build_folder(folder / TINY.id)
-
-
-def _stop(*arguments: object, **options: object) -> Any:
-    raise InterruptedError
-
-
-def _ignore(result: object) -> None:
-    """Operations return nothing."""
 
 
 def survive(name: str, folder: str, stride: str) -> None:

@@ -13,7 +13,6 @@ from swarmdata.errors import DatasetError
 from swarmdata.hub.catalog.repair import examine
 from swarmdata.store import read_manifest
 from swarmdata.store.arrays.layout import array_file
-from tests.support.one_process import use_one_process
 from tests.support.tiny import TINY, flip, make_tiny
 
 N_FLIPS = 100
@@ -21,9 +20,7 @@ N_FLIPS = 100
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    with pytest.MonkeyPatch.context() as patch:
-        use_one_process(patch)
-        return make_tiny(tmp_path_factory.mktemp("flips") / TINY.id, n_steps=160)
+    return make_tiny(tmp_path_factory.mktemp("flips") / TINY.id, n_steps=160)
 
 
 def kinds(path: Path) -> dict[str, list[tuple[str, int, int]]]:

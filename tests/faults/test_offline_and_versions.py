@@ -6,7 +6,7 @@ import socket
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import NoReturn
+from unittest.mock import Mock
 
 import pytest
 
@@ -33,12 +33,7 @@ def print_sources(*names: str) -> None:
     """Loads datasets in a network without a way out, and counts what is asked of it."""
     with contextlib.suppress(OSError):  # where the system has none, requests are refused anyway
         enter(CLONE_NEWNET)
-    asked = []
-
-    def refuse(*arguments: object, **_: object) -> NoReturn:
-        asked.append(arguments)
-        raise OSError("no network in this test")
-
+    refuse = Mock(side_effect=OSError("no network in this test"))
     for owner, name in ((socket.socket, "connect"), (socket, "getaddrinfo")):
         setattr(owner, name, refuse)
     for name in names:
@@ -46,7 +41,7 @@ def print_sources(*names: str) -> None:
             print(swarmdata.load(name, progress=False).source)
         except SwarmdataError as error:
             print(type(error).__name__, error)
-    print(len(asked), "requests")
+    print(refuse.call_count, "requests")
 
 
 def load_without_network(*names: str, **variables: str) -> list[str]:

@@ -117,7 +117,6 @@ def test_loader_workers_see_the_same_data_and_leak_nothing(dataset: Dataset, met
 
 
 def put_ten_entries(file: str, letter: str) -> None:
-    """Changes a registry."""
     from swarmdata.hub.publishing.regenerate import put_entries
 
     for k in range(10):
@@ -125,7 +124,6 @@ def put_ten_entries(file: str, letter: str) -> None:
 
 
 def add_ten_remotes(_: str, letter: str) -> None:
-    """Changes the configuration."""
     for k in range(10):
         run("remote", "add", f"hf://org{letter}-{k}")
 
@@ -150,7 +148,6 @@ def test_no_update_of_two_processes_is_lost(
 
 
 def train_bc(folder: str) -> None:
-    """Trains a little."""
     from tests.learn.training.test_trainer import run
 
     run("bc", Path(folder), progress=True)

@@ -5,8 +5,6 @@ import os
 import random
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +21,7 @@ from swarmdata.store.parts import read_part_table
 from swarmdata.testing.synthetic import make_dataset
 from tests.record.worlds import Counting, play, steady
 from tests.support.at_once import Forked
+from tests.support.interpreter import python
 
 ROOT = Path(__file__).parents[2]
 ID = "counting_v1-mine-v0"
@@ -92,7 +91,6 @@ def test_kill_while_recording(tmp_path: Path) -> None:
 
 
 def interrupted(path: Path, n_episodes: int) -> Path:
-    """A recording that nobody finished."""
     recorder = Recorder(Counting(), id=ID, path=path)
     play(recorder, n_episodes, steady)
     recorder.pause()
@@ -145,13 +143,8 @@ from tests.record.worlds import Counting, play, steady
 play(Recorder(Counting(), id="{ID}", path=sys.argv[1]), 7, steady)
 sys.exit(3)
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path / "ds")],
-        cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        check=False,
-        capture_output=True,
-    )
+    variables = {**os.environ, "PYTHONPATH": str(ROOT)}
+    ended = python("-c", code, tmp_path / "ds", cwd=ROOT, env=variables, check=False)
     assert ended.returncode == 3
     assert len(recover(tmp_path / "ds")) == 7
 

@@ -28,12 +28,11 @@ from swarmdata.hub.catalog.request import request_of_recipe
 from swarmdata.hub.catalog.sources import Remotes, obtain, obtain_release
 from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.record.recording_folder import unfinished_folder
-from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.store.arrays.layout import POSSIBLE_FILES
 from swarmdata.store.scratch import scratch_folder
 from tests.support.command_line import run
 from tests.support.pairs import slow
-from tests.support.tiny import TINY, Shelf, abandoned, contents, flip
+from tests.support.tiny import TINY, Shelf, contents, flip
 
 STATES = "data.zarr/states/c.0.0"
 RUNNER = CliRunner()
@@ -190,22 +189,6 @@ def test_parts_go_and_what_somebody_put_beside_them_stays(tmp_path: Path) -> Non
     (parts / "notes").write_text("mine")
     build(TINY, tmp_path / "d", progress=False)
     assert contents(parts) == {"notes": b"mine"}
-
-
-def test_leftovers_are_removed_by_name_and_named(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Row 38: a folder with our marker, of a name that we write; no file, and no link."""
-    left, other = abandoned(tmp_path / "card.md"), abandoned(tmp_path / "other")
-    kept = ["notes", ".tmp-", ".tmp-notes", ".tmp-card.md", f".tmp-card.md-{'a' * 32}",
-            f".tmp-card.md-{'a' * 31}", f".tmp-card.md-{'g' * 32}"]  # fmt: skip
-    for name in kept:
-        (tmp_path / name).write_text("x")
-    link = tmp_path / f".tmp-card.md-{'b' * 32}"
-    link.symlink_to("notes")
-    remove_leftovers(tmp_path, "card.md")
-    assert {path.name for path in tmp_path.iterdir()} == {*kept, other.name, link.name}
-    assert capsys.readouterr().err == f"removed {left}, which a killed process left\n"
 
 
 def test_a_users_own_links_in_a_dataset_are_left(dataset: Path, tmp_path: Path) -> None:

@@ -1,6 +1,5 @@
 """Bundles reach kernels as they are, and nothing but what the kernel expects is packed."""
 
-import subprocess
 import sys
 from typing import Annotated, Any, NamedTuple
 
@@ -10,6 +9,7 @@ import pytest
 from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.types import Bool, Double, Float, Int
+from tests.support.interpreter import python
 
 
 class Drive(NamedTuple):
@@ -106,10 +106,7 @@ print(*((str(each.dtype), each.ndim, each.layout) for each in bundle_type(Fields
 
 @pytest.mark.slow
 def test_numpys_aliases_are_not_taken_apart() -> None:
-    script = CLOSED_ALIASES.format(path=sys.path)
-    found = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=False
-    )
+    found = python("-c", CLOSED_ALIASES.format(path=sys.path), check=False)
     assert not found.stderr
     assert found.stdout.strip() == (
         "('bool', 1, 'C') ('float64', 2, 'C') ('float32', 3, 'C') ('int64', 4, 'C')"

@@ -8,13 +8,13 @@ import shutil
 import signal
 import subprocess
 import sys
-from collections import namedtuple
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
+from unittest.mock import DEFAULT, Mock
 
 import pytest
 
@@ -124,14 +124,8 @@ def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As TensorStore's do: the first of their errors is raised, the others go on."""
-    remove, calls = shutil.rmtree, []
-
-    def late(folder: Path) -> None:
-        calls.append(folder)
-        if len(calls) < 3:
-            raise OSError(errno.ENOTEMPTY, "Directory not empty", str(folder))
-        remove(folder)
-
+    busy = OSError(errno.ENOTEMPTY, "Directory not empty")
+    late = Mock(wraps=shutil.rmtree, side_effect=[busy, busy, DEFAULT, DEFAULT])
     monkeypatch.setattr(shutil, "rmtree", late)
 
     def fail() -> None:
@@ -141,7 +135,7 @@ def test_a_thread_that_still_writes_after_the_error_leaves_nothing(
 
     with pytest.raises(ValueError, match="the first"):
         fail()
-    assert len(calls) == 4  # twice in vain, then the folder inside, and ours
+    assert late.call_count == 4  # twice in vain, then the folder inside, and ours
     assert not list(tmp_path.glob(".tmp-*"))
 
 
@@ -151,11 +145,8 @@ def test_all_is_on_the_disk_before_it_has_its_name_and_the_name_before_the_end(
 ) -> None:
     """Power may fail at any moment: what can be seen afterwards is whole."""
     flushed: list[Path] = []
-
-    def flush(descriptor: int) -> None:
-        flushed.append(Path(f"/proc/self/fd/{descriptor}").readlink())
-
-    monkeypatch.setattr(os, "fsync", flush)
+    opened = Path("/proc/self/fd")
+    monkeypatch.setattr(os, "fsync", lambda file: flushed.append((opened / str(file)).readlink()))
     with staged(tmp_path / "x") as target:
         if is_folder:
             (target / "deep").mkdir(parents=True)
@@ -201,11 +192,11 @@ def test_a_killed_writer_is_cleaned_up_by_the_next_one(tmp_path: Path) -> None:
 def test_nothing_of_the_users_is_removed(tmp_path: Path) -> None:
     (tmp_path / f".tmp-x-{HEX}").mkdir()
     (tmp_path / f".tmp-x-{HEX}" / "thesis.tex").write_text("by hand")
-    (tmp_path / f".tmp-x-{'1' * 32}").write_text("a file")
-    (tmp_path / ".tmp-x").mkdir()
-    (tmp_path / ".tmp-x" / MARKER_FILE).touch()
-    (tmp_path / "elsewhere").mkdir()
-    (tmp_path / "elsewhere" / MARKER_FILE).touch()
+    for name in (".tmp-", ".tmp-notes", f".tmp-x-{'1' * 32}"):
+        (tmp_path / name).write_text("a file")
+    for name in (".tmp-x", f".tmp-x-{'a' * 31}", f".tmp-x-{'g' * 32}", "elsewhere"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / MARKER_FILE).touch()
     (tmp_path / f".tmp-x-{'2' * 32}").symlink_to(tmp_path / "elsewhere")
     before = names(tmp_path)
     remove_leftovers(tmp_path)
@@ -243,11 +234,8 @@ def test_a_full_disk_or_quota_is_one_error(tmp_path: Path, number: int) -> None:
 def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    found = os.statvfs(tmp_path)
-    Disk = namedtuple("Disk", "f_bavail f_frsize f_files f_favail")
-
     def disk(free: int, inodes: int) -> None:
-        made = Disk(free, 1, max(1, found.f_files), inodes)
+        made = Mock(f_bavail=free, f_frsize=1, f_files=9999, f_favail=inodes)
         monkeypatch.setattr(os, "statvfs", lambda path: made)
 
     def fail(error: Exception) -> None:
@@ -272,11 +260,9 @@ def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
 def test_what_cannot_be_made_is_named_as_the_caller_did(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    def refuse(path: Path, *arguments: object, **options: object) -> None:
-        raise OSError(number, os.strerror(number), str(path))
-
     (tmp_path / "x").touch()
-    monkeypatch.setattr(os, "mkdir", refuse)
+    error = OSError(number, os.strerror(number), str(tmp_path / "temporary"))
+    monkeypatch.setattr(os, "mkdir", Mock(side_effect=error))
     with pytest.raises(OSError, match=os.strerror(number)) as caught:
         write_file(tmp_path / "x", b"new")
     assert caught.value.filename == str(tmp_path / "x")
@@ -293,10 +279,7 @@ def test_without_locks_nothing_is_removed_and_everything_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     half = abandoned(tmp_path / "x")
-
-    def refuse(descriptor: int, operation: int) -> None:
-        raise OSError(errno.ENOLCK, "No locks available")
-
+    refuse = Mock(side_effect=OSError(errno.ENOLCK, "No locks available"))
     monkeypatch.setattr(fcntl, "flock", refuse)
     write_file(tmp_path / "x", b"new")
     assert names(tmp_path) == [half.name, "x"]

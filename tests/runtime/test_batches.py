@@ -114,15 +114,13 @@ def test_a_catalogue_has_all_that_can_be_shown(
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "config.json").write_text("{}")
 
-    def fail(*_: object) -> None:
-        raise KeyError("thrifty")
+    def write(dataset: Any, *rest: object) -> None:
+        if dataset.id == "thrifty-tiny-v0":
+            raise KeyError("thrifty")
 
     monkeypatch.setattr("swarmdata.catalogue.entries.list_datasets", list)
     with thrifty_installed(), little_published():
-        monkeypatch.setattr(
-            "swarmdata.catalogue.build_catalogue.write_data",
-            lambda dataset, *rest: fail() if dataset.id == "thrifty-tiny-v0" else None,
-        )
+        monkeypatch.setattr("swarmdata.catalogue.build_catalogue.write_data", write)
         choices = CatalogueChoices(results=(tmp_path / "run",))
         with pytest.raises(BatchError) as caught:
             build_catalogue([str(tiny), str(thrifty)], tmp_path / "site", choices)

@@ -10,6 +10,7 @@ import pickle
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 from numba.core import config
@@ -18,6 +19,7 @@ from numba.core.caching import IndexDataCacheFile
 from swarmdata.runtime import kernel_cache
 from swarmdata.runtime.kernel_progress import PROGRESS
 from swarmdata.runtime.kernels import kernel
+from tests.support.tiny import flip
 
 
 def compiled_twice() -> list[Callable[[float], float]]:
@@ -106,13 +108,9 @@ def test_what_root_has_compiled_is_read_by_all(
     assert not list((tmp_path / "kernels-4242").rglob("*.nb?")), "it was not compiled again"
 
 
-def flip(file: Path) -> None:
-    content = bytearray(file.read_bytes())
-    content[-40] ^= 1
-    file.write_bytes(content)
-
-
-@pytest.mark.parametrize(("kind", "damage"), [("*.nbi", cut), ("*.nbc", cut), ("*.nbc", flip)])
+@pytest.mark.parametrize(
+    ("kind", "damage"), [("*.nbi", cut), ("*.nbc", cut), ("*.nbc", lambda file: flip(file, -40))]
+)
 def test_a_damaged_file_is_compiled_again_and_said_once(
     cache: Path, caplog: pytest.LogCaptureFixture, kind: str, damage: Callable[[Path], None]
 ) -> None:
@@ -137,10 +135,7 @@ def test_a_cache_that_cannot_be_written_is_said_once(
     cache: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Row 61: a full disk was a raw OSError."""
-
-    def refuse(*arguments: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
+    refuse = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
     monkeypatch.setattr(IndexDataCacheFile, "_open_for_write", refuse)
     with caplog.at_level(logging.WARNING, "swarmdata"):
         assert [each(3.0) for each in compiled_twice()] == [1.5, 1.5]
@@ -169,23 +164,16 @@ def test_a_kernel_that_fails_lets_others_compile_it_and_leaves_the_collector_as_
 def test_where_no_lock_can_be_made_every_process_compiles(
     cache: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*arguments: object) -> None:
-        raise OSError(errno.EIO, "the disk is broken")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
-
+    broken = Mock(side_effect=OSError(errno.EIO, "the disk is broken"))
+    monkeypatch.setattr(fcntl, "flock", broken)
     assert [each(3.0) for each in compiled_twice()] == [1.5, 1.5]
 
 
 def test_one_does_not_wait_for_ever(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The process that compiles may have been stopped."""
-
-    def refuse(*arguments: object) -> None:
-        raise BlockingIOError(errno.EAGAIN, "held by another process")
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    held = Mock(side_effect=BlockingIOError(errno.EAGAIN, "held by another process"))
+    monkeypatch.setattr(fcntl, "flock", held)
     monkeypatch.setattr(kernel_cache, "MAX_WAIT", 0.2)
-
     assert compiled_twice()[0](3.0) == 1.5
 
 

@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -18,17 +19,9 @@ from swarmdata.runtime.locking import REMINDER, SILENCE, Lock, is_mount_point, l
 
 
 def start(code: str, *arguments: str | Path) -> "subprocess.Popen[str]":
-    return subprocess.Popen(
-        [
-            sys.executable,
-            "-c",
-            f"import sys; sys.path[:] = {sys.path!r}\n{code}",
-            *map(str, arguments),
-        ],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+    code = f"import sys; sys.path[:] = {sys.path!r}\n{code}"
+    command = [sys.executable, "-c", code, *map(str, arguments)]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 COUNT = """
@@ -59,12 +52,16 @@ with locked(Path(sys.argv[1]), shown=False):
 """
 
 
+def start_three(code: str, path: Path) -> None:
+    processes = [start(code, path) for _ in range(3)]
+    results = [process.communicate(timeout=300) for process in processes]
+    assert [process.returncode for process in processes] == [0, 0, 0], results
+
+
 def test_no_change_of_many_processes_is_lost(tmp_path: Path) -> None:
     path = tmp_path / "count"
     path.write_text("0")
-    processes = [start(COUNT, path) for _ in range(3)]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0, 0, 0], results
+    start_three(COUNT, path)
     assert path.read_text() == "150"
     assert [each.name for each in tmp_path.iterdir()] == ["count"], "no lock is left"
 
@@ -102,9 +99,7 @@ def test_an_error_inside_frees_the_lock(tmp_path: Path) -> None:
 
 
 def test_a_folder_that_comes_and_goes_stops_nobody(tmp_path: Path) -> None:
-    processes = [start(COME_AND_GO, tmp_path / "deep" / "x") for _ in range(3)]
-    results = [process.communicate(timeout=300) for process in processes]
-    assert [process.returncode for process in processes] == [0, 0, 0], results
+    start_three(COME_AND_GO, tmp_path / "deep" / "x")
     with locked(tmp_path / "deep" / "x", shown=False):
         (tmp_path / "deep" / "x").touch()
     assert [each.name for each in (tmp_path / "deep").iterdir()] == ["x"]
@@ -177,11 +172,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 def no_locks(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on some mounts of NFS, Lustre and FUSE."""
     number = getattr(request, "param", errno.ENOLCK)
-
-    def refuse(descriptor: int, operation: int) -> None:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
+    monkeypatch.setattr(fcntl, "flock", Mock(side_effect=OSError(number, os.strerror(number))))
 
 
 @pytest.mark.parametrize(("shown", "n_lines"), [(True, 4), (False, 3)])
@@ -290,13 +281,9 @@ def test_no_process_locks_a_file_that_another_one_removes(
     lock.release()
 
 
-def test_another_error_of_the_system_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def refuse(descriptor: int, operation: int) -> None:
-        raise OSError(errno.EIO, os.strerror(errno.EIO))
-
-    monkeypatch.setattr(fcntl, "flock", refuse)
+@pytest.mark.usefixtures("no_locks")
+@pytest.mark.parametrize("no_locks", [errno.EIO], indirect=True)
+def test_another_error_of_the_system_is_named(tmp_path: Path) -> None:
     with pytest.raises(BuildError, match="Input/output error"), locked(tmp_path / "x"):
         pass
     assert list(tmp_path.iterdir()) == []

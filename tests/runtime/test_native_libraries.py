@@ -3,13 +3,12 @@
 import json
 import os
 import platform
-import subprocess
-import sys
 from importlib.util import find_spec
 
 import pytest
 
 from swarmdata.runtime.engines.jobs import THREAD_VARIABLES
+from tests.support.interpreter import python
 
 COUNT = """
 import resource
@@ -30,8 +29,7 @@ print(count())
 
 def new_pages(*, keeps: bool) -> int:
     """New pages of a process that takes and frees 80 MiB four times, after it did so before."""
-    command = [sys.executable, "-c", COUNT.format(keeps=keeps)]
-    return int(subprocess.run(command, check=True, capture_output=True, text=True).stdout)
+    return int(python("-c", COUNT.format(keeps=keeps)).stdout)
 
 
 @pytest.mark.slow
@@ -80,10 +78,9 @@ print(json.dumps(seen))
 @pytest.mark.skipif(find_spec("torch") is None, reason="it is about the threads of torch")
 def test_policies_act_on_one_thread_and_the_numbers_are_given_back() -> None:
     """In a process of its own, which the settings of the tests do not reach."""
-    command = [sys.executable, "-c", PROGRAM]
     own = {name: text for name, text in os.environ.items() if name not in THREAD_VARIABLES}
-    ran = subprocess.run(command, capture_output=True, check=True, env=own)
-    assert json.loads(ran.stdout) == {  # of torch and of every library of products
+    found = python("-c", PROGRAM, env=own).stdout
+    assert json.loads(found) == {  # of torch and of every library of products
         "first": [1],
         "before": [3],
         "evaluate": [1],

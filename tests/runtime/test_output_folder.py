@@ -3,6 +3,8 @@
 import json
 import os
 import shutil
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -85,17 +87,15 @@ def test_what_is_in_the_way_of_a_new_file_is_named_and_nothing_changed(
     folder, elsewhere = tmp_path / "out", tmp_path / "elsewhere"
     elsewhere.mkdir()
     write(folder, whole=whole, a="1")
-    if kind == "file":
-        (folder / "new").write_text("mine")
-    elif kind == "folder":
-        (folder / "new").mkdir()
-        (folder / "new" / "x").write_text("mine")
-    elif kind == "link":
-        (folder / "new").symlink_to(tmp_path / "nowhere")
-    elif kind == "linked folder":
-        (folder / "deep").symlink_to(elsewhere)
-    else:
-        (folder / "deep").write_text("mine")
+    new, deep = folder / "new", folder / "deep"
+    plant: dict[str, Callable[[], object]] = {
+        "file": lambda: new.write_text("mine"),
+        "folder": lambda: write(new, x="mine"),
+        "link": lambda: new.symlink_to(tmp_path / "nowhere"),
+        "linked folder": lambda: deep.symlink_to(elsewhere),
+        "file for a folder": lambda: deep.write_text("mine"),
+    }
+    plant[kind]()
     before = texts(folder)
     with pytest.raises(OutputError, match=r"(new|deep) is in the way: .* Nothing was changed"):
         write(folder, whole=whole, a="2", new="3", deep__b="4")
@@ -184,17 +184,18 @@ def test_a_dataset_is_built_and_pulled_to_an_empty_and_to_a_mounted_folder(
     """Row 77: `generate` said that there is no dataset, a pull left its copy outside."""
     (tmp_path / "empty").mkdir()
     for folder in (tmp_path / "empty", mounted):
-        build(TINY, folder, progress=False)
-        assert open_store(folder, "full").manifest.id == TINY.id
-        assert {path.name for path in folder.iterdir()} == {path.name for path in tiny.iterdir()}
-        for each in folder.iterdir():
-            shutil.rmtree(each) if each.is_dir() else each.unlink()
         shelf = Shelf(tmp_path / f"shelf-{folder.name}", tiny)
         release = shelf.find(TINY.id)
         assert release is not None
-        obtain_release(shelf, release, folder, progress=False)
-        assert open_store(folder, "full").manifest.id == TINY.id
-        assert {path.name for path in folder.iterdir()} == {path.name for path in tiny.iterdir()}
+        for make in (
+            partial(build, TINY, folder, progress=False),
+            partial(obtain_release, shelf, release, folder, progress=False),
+        ):
+            make()
+            assert open_store(folder, "full").manifest.id == TINY.id
+            assert {path.name for path in folder.iterdir()} == {p.name for p in tiny.iterdir()}
+            for each in folder.iterdir():
+                shutil.rmtree(each) if each.is_dir() else each.unlink()
     assert [path.name for path in mounted.parent.iterdir()] == [mounted.name]
 
 

@@ -15,12 +15,8 @@ from swarmdata.store.assembly import assemble
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.parts import read_part_table, write_part
 from swarmdata.store.split_rule import assign_splits
-from swarmdata.testing.synthetic import (
-    make_episode,
-    make_recipe,
-    make_streams,
-    write_streams,
-)
+from swarmdata.store.table import n_steps_of
+from swarmdata.testing.synthetic import make_episode, make_recipe, make_streams, write_streams
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]]
 
@@ -29,16 +25,15 @@ def test_part_table_has_lengths_and_returns(tmp_path: Path) -> None:
     episodes = make_streams(LENGTHS)[1]
     write_part(tmp_path / "part", episodes)
     table = read_part_table(tmp_path / "part")
-    assert table.lengths.tolist() == LENGTHS[1]
-    assert table.rows["team_return"].tolist() == [episode.team_return for episode in episodes]
-    assert table.n_steps == sum(LENGTHS[1])
-    assert len(table) == len(episodes)
+    assert table["length"].tolist() == LENGTHS[1]
+    assert table["team_return"].tolist() == [episode.team_return for episode in episodes]
+    assert n_steps_of(table, table) == 2 * sum(LENGTHS[1])
 
 
 def test_a_part_is_written_once(tmp_path: Path) -> None:
     write_part(tmp_path / "part", [make_episode(3, seed=1)])
     write_part(tmp_path / "part", [make_episode(8, seed=2)])
-    assert read_part_table(tmp_path / "part").lengths.tolist() == [3]
+    assert read_part_table(tmp_path / "part")["length"].tolist() == [3]
     assert [path.name for path in tmp_path.iterdir()] == ["part"]
 
 

@@ -30,7 +30,6 @@ def test_every_choice_is_the_policy_that_lags_most(lengths: list[list[int]], n_s
         assert episode == taken[policy]
         taken[policy] += 1
         steps[policy] += lengths[policy][episode]
-    assert merge.n_steps == sum(steps)
     if merge.lacking is None:
         assert sum(steps) >= n_steps
     else:

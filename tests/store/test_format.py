@@ -20,18 +20,13 @@ from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import (
     SPEC,
     make_dataset,
+    make_episode,
     make_recipe,
     make_streams,
     write_streams,
 )
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]]
-
-
-@pytest.fixture
-def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Several chunks per array, the last one padded."""
-    monkeypatch.setattr(layout_module, "CHUNK_ROWS", 4)
 
 
 def test_zarr_itself_writes_our_bytes(tmp_path: Path) -> None:
@@ -51,19 +46,6 @@ def test_zarr_itself_writes_our_bytes(tmp_path: Path) -> None:
         assert file.read_bytes() == ours, name
         compared.add(name)
     assert compared >= {"observations", "actions", "events", "episodes/layouts", "episodes/seeds"}
-
-
-@pytest.mark.usefixtures("small_chunks")
-def test_stored_episodes_are_the_written_ones(tmp_path: Path) -> None:
-    _, episodes = make_dataset(tmp_path / "ds", LENGTHS, n_steps=30)
-    stored = open_store(tmp_path / "ds")
-    for index, episode in enumerate(episodes):
-        start = stored.table.starts[index]
-        rows = slice(start + index, start + index + len(episode) + 1)
-        assert np.array_equal(stored.arrays["observations"][rows], episode.observations)
-        assert stored.table.seeds[index] == episode.seed
-        assert stored.table.team_return[index] == episode.team_return
-        assert np.array_equal(stored.table.layouts[index], episode.layout)
 
 
 def test_digest_ignores_parts_and_chunks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -104,8 +86,6 @@ def test_digest_depends_on_every_value(tmp_path: Path) -> None:
 
 
 def test_layouts_without_obstacles(tmp_path: Path) -> None:
-    from swarmdata.testing.synthetic import make_episode
-
     episodes = [make_episode(3, seed=i, n_obstacles=0) for i in range(5)]
     write_part(tmp_path / "part", episodes)
     spec = SPEC.with_updates(obstacles=Obstacles(circles=0, boxes=0, corners=0, pockets=0))

@@ -27,7 +27,6 @@ FORKS.set_forkserver_preload(
 
 
 def run_command(*words: str) -> None:
-    """The command line."""
     from swarmdata.cli.main import main
 
     sys.argv = ["swarmdata", *words]
@@ -68,7 +67,6 @@ class Forked:
 
     @property
     def pid(self) -> int:
-        """Its number in the system."""
         assert self._process.pid is not None
         return self._process.pid
 
@@ -78,7 +76,6 @@ class Forked:
         os.kill(self.pid, number)
 
     def wait_for(self, condition: Callable[[str, str], bool]) -> None:
-        """Waits until what it printed, and said on standard error, meets a condition."""
         end = time.monotonic() + SECONDS
         while not condition(*self._texts()):
             assert self._process.is_alive(), self.end()

@@ -20,17 +20,14 @@ class Visit:
     requests: list[str] = field(default_factory=list)
 
     def hear(self, note: Any) -> None:
-        """Keeps errors and warnings of the console."""
         if note.type in ("error", "warning"):
             self.complaints.append(note.text)
 
     def open(self, path: str) -> None:
-        """Opens a page of the catalogue and waits until its scripts have run."""
         self.page.goto(f"{self.site.as_uri()}/{path}")
         self.page.wait_for_selector("body[data-ready=yes]")
 
     def texts(self, selector: str) -> list[str]:
-        """The texts of all elements."""
         found: list[str] = self.page.locator(selector).all_inner_texts()
         return found
 
@@ -42,5 +39,4 @@ class Visit:
             self.page.wait_for_timeout(30)
 
     def run(self, script: str) -> Any:
-        """The value of an expression in the page."""
         return self.page.evaluate(script)

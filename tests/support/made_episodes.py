@@ -10,7 +10,7 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.rollouts.rollout import rollout
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.assembly import assemble
 from swarmdata.store.episode_order import merge_order
@@ -77,5 +77,27 @@ def cut(episode: Episode, states: Float) -> Episode:
 
 def played(spec: TaskSpec, seed: int = 3, policy: str = "scripted") -> Episode:
     """The episode of a seed, as a named policy plays it."""
-    seeds = np.array([seed], dtype=np.uint64)
-    return next(rollout(make_env(spec, 1), make_policy(policy, spec), seeds))
+    return play(spec, 1, policy, seed)[0]
+
+
+def play(
+    spec: TaskSpec, n: int, policy: str = "straight", first: int = 0, index: int = 0
+) -> list[Episode]:
+    """The episodes of n seeds from the first one on, as a named policy plays them."""
+    seeds = np.arange(first, first + n, dtype=np.uint64)
+    env = make_env(spec, min(n, 4))
+    return list(rollout(env, make_policy(policy, spec), seeds, policy_index=index))
+
+
+def record(folder: Path, spec: TaskSpec, n: int, *policies: str, block: int) -> Dataset:
+    """A dataset of n episodes of each named policy, of which it has nearly all."""
+    streams = [play(spec, n, name, 100 * k, k) for k, name in enumerate(policies)]
+    recipe = Recipe(
+        id=f"{spec.task}-test-v0",
+        tier="test",
+        spec=spec,
+        policies=tuple(PolicySource(label=name, name=name) for name in policies),
+        n_steps=(len(policies) + 1) * min(sum(map(len, each)) for each in streams) // 2,
+        splits=Splits(block=block),
+    )
+    return stored(folder, recipe, streams)

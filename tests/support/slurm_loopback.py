@@ -72,7 +72,6 @@ class Slurm:
         daemon.wait(START_SECONDS)
 
     def update(self, node: str, state: str) -> None:
-        """Changes the state of a node, such as to DRAIN."""
         change = ["scontrol", "update", f"NodeName={node}", f"State={state}", "Reason=test"]
         subprocess.run(change, check=True, capture_output=True)
 
@@ -84,14 +83,12 @@ class Slurm:
         return found.stdout.split()
 
     def nodes_of_jobs(self) -> list[str]:
-        """The nodes of the jobs that run now."""
         found = subprocess.run(
             ["squeue", "-h", "-t", "R", "-o", "%N"], capture_output=True, text=True, check=False
         )
         return found.stdout.split()
 
     def wait_for(self, condition: object, what: str) -> None:
-        """Waits until a condition holds."""
         assert callable(condition)
         end = time.monotonic() + START_SECONDS
         while not condition():

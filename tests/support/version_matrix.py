@@ -40,7 +40,6 @@ class Row(NamedTuple):
 
     @property
     def environment(self) -> Path:
-        """Folder of the virtual environment."""
         return ROOT / f".venv-{self.name}"
 
 

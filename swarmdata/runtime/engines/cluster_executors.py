@@ -14,11 +14,7 @@ CONNECT_SECONDS = 60
 
 
 class DaskExecutor(Executor):
-    """Submits to a scheduler while its client is connected.
-
-    A client that has lost its scheduler still takes calls, in the hope of finding it again; if it
-    does not, it never settles their futures.
-    """
+    """Submits to a scheduler while its client is connected; later, its futures may never settle."""
 
     def __init__(self, client: Any) -> None:
         # jobs leave files, so that two equal ones are two; retries are the engine's
@@ -43,10 +39,7 @@ class DaskExecutor(Executor):
 
 
 def open_dask(address: str) -> Executor:
-    """Connects to a scheduler.
-
-    Args:
-        address: HOST:PORT.
+    """Connects to the scheduler at HOST:PORT.
 
     Raises:
         MissingExtraError: Dask is not installed.
@@ -98,11 +91,10 @@ def _hand_over(future: "Future[Any]", call: "Future[Any]") -> None:
 
 
 def open_ray(address: str | None) -> Executor:
-    """Connects to a cluster, or starts processes on this machine.
+    """Connects to the cluster at `ray://HOST:PORT`.
 
-    Args:
-        address: such as `ray://HOST:PORT`; None: that of `RAY_ADDRESS`, as in jobs that Ray runs,
-            or else processes of this machine, started for this.
+    Without an address it is that of `RAY_ADDRESS`, as in jobs that Ray runs, or else processes of
+    this machine, started for this.
 
     Raises:
         MissingExtraError: Ray is not installed.

@@ -1,10 +1,7 @@
 """The engine `local`: worker processes of this machine; one that is killed costs its job a retry.
 
-`concurrent.futures.ProcessPoolExecutor` fails as a whole when one worker is killed, and
-`multiprocessing` runs the caller's script again in every worker unless it is guarded. Here a worker
-is a plain new interpreter, which reads jobs from its standard input and reports on its standard
-output, one JSON object per line. It ends when its standard input ends, in the middle of a job too,
-so it does not outlive the supervisor, however that one died.
+A worker is a new interpreter, which reads jobs from its standard input and reports on its standard
+output, one JSON object per line. It ends with its standard input, and so with its supervisor.
 """
 
 import json
@@ -15,10 +12,11 @@ import subprocess
 import sys
 from collections import Counter, deque
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from queue import SimpleQueue
 from threading import Thread
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from swarmdata.errors import BuildError, SwarmdataError
 from swarmdata.runtime.engines.jobs import (
@@ -38,56 +36,48 @@ class _Worker:
     """One process, what it is doing, and the part of its output that is not yet a whole line."""
 
     process: "subprocess.Popen[bytes]"
+    stdin: IO[bytes]
+    stdout: IO[bytes]
     job: Job | None = None
     reported: int = 0
     buffer: bytes = b""
 
     def assign(self, job: Job) -> None:
         self.job, self.reported = job, 0
-        stdin = self.process.stdin
-        assert stdin is not None
-        try:
-            stdin.write(json.dumps(job.payload).encode() + b"\n")
-            stdin.flush()
-        except BrokenPipeError:
-            return  # it was killed while idle: the end of its output says so too
+        with suppress(BrokenPipeError):  # it was killed while idle: the end of its output says so
+            self.stdin.write(json.dumps(job.payload).encode() + b"\n")
+            self.stdin.flush()
 
     def messages(self) -> list[dict[str, Any]] | None:
         """The whole lines that are there to read, or None at the end of the output."""
-        stdout = self.process.stdout
-        assert stdout is not None
-        data = os.read(stdout.fileno(), 1 << 16)
+        data = os.read(self.stdout.fileno(), 1 << 16)
         if not data:
             return None
         *lines, self.buffer = (self.buffer + data).split(b"\n")
         return [json.loads(line) for line in lines]
 
+    def fail(self, problem: str, on_failure: OnFailure) -> None:
+        """Hands over that its job failed, or raises it where it has none."""
+        error = BuildError(problem)
+        if self.job is None:
+            raise error
+        on_failure(self.job, error)
+
     def stop(self) -> None:
         self.process.kill()
         self.process.wait()
-        for stream in (self.process.stdin, self.process.stdout):
-            assert stream is not None
-            try:
-                stream.close()
-            except BrokenPipeError:
-                continue  # a job that the dead worker never read
+        self.stdout.close()
+        with suppress(BrokenPipeError):  # a job that the dead worker never read
+            self.stdin.close()
 
 
 @dataclass
 class Crew:
-    """Up to `n_workers` processes, kept from one `run` to the next.
+    """Processes that are kept from one `run` to the next, and killed when the context is left."""
 
-    Use the crew as a context manager; leaving it kills the workers.
-
-    Args:
-        entry: "module:function" that returns the handler of a worker.
-        n_workers: how many processes at most, at least 1.
-        renews: whether each job gets a new process, which frees memory.
-    """
-
-    entry: str
-    n_workers: int
-    renews: bool = False
+    entry: str  # "module:function" that returns the handler of a worker
+    n_workers: int  # how many processes at most, at least 1
+    renews: bool = False  # whether each job gets a new process, which frees memory
     _workers: list[_Worker] = field(default_factory=list)
     _selector: selectors.BaseSelector = field(default_factory=selectors.DefaultSelector)
 
@@ -108,7 +98,7 @@ class Crew:
         progress: Report = lambda amount: None,
         on_failure: OnFailure = stop_at_failure,
     ) -> None:
-        """Does all jobs, as `Engine.run` says.
+        """Does all jobs, in any order; `progress` gets what handlers report.
 
         Raises:
             BuildError: a worker could not start; or a job failed, by default.
@@ -133,10 +123,9 @@ class Crew:
         """Starts workers until all waiting jobs have one, or there are `n_workers`."""
         n_busy = sum(worker.job is not None for worker in self._workers)
         while len(self._workers) < min(self.n_workers, n_busy + n_waiting):
-            worker = _Worker(_start(self.entry))
+            worker = _start(self.entry)
             self._workers.append(worker)
-            assert worker.process.stdout is not None
-            self._selector.register(worker.process.stdout, selectors.EVENT_READ, worker)
+            self._selector.register(worker.stdout, selectors.EVENT_READ, worker)
 
     def _listen(self, worker: _Worker, progress: Report, on_failure: OnFailure) -> Job | None:
         """Takes a worker's messages; returns the job that was lost if the worker has ended."""
@@ -151,21 +140,17 @@ class Crew:
                 worker.reported += message["progress"]
                 progress(message["progress"])
                 continue
-            job, worker.job = worker.job, None
             if "error" in message:
-                name = job.name if job else "starting a worker"
-                error = BuildError(f"{name} failed: {message['error']}")
-                if job is None:
-                    raise error
-                on_failure(job, error)
+                name = worker.job.name if worker.job else "starting a worker"
+                worker.fail(f"{name} failed: {message['error']}", on_failure)
+            worker.job = None
             if self.renews:
                 self._remove(worker)
                 break
         return None
 
     def _remove(self, worker: _Worker) -> None:
-        assert worker.process.stdout is not None
-        self._selector.unregister(worker.process.stdout)
+        self._selector.unregister(worker.stdout)
         self._workers.remove(worker)
         worker.stop()
 
@@ -176,26 +161,25 @@ class Crew:
         self._remove(worker)
         if job is not None:
             progress(-worker.reported)
-        if code > 0:
-            error = BuildError(
-                f"a worker process ended with exit code {code} while doing "
-                f"{job.name if job else 'no job'}; its error is printed above"
-            )
-            if job is None:
-                raise error
-            on_failure(job, error)
-            return None
-        return job
+        if code <= 0:
+            return job
+        doing = job.name if job else "no job"
+        problem = f"a worker process ended with exit code {code} while doing {doing}"
+        worker.fail(f"{problem}; its error is printed above", on_failure)
+        return None
 
 
-def _start(entry: str) -> "subprocess.Popen[bytes]":
+def _start(entry: str) -> _Worker:
     code = f"import sys; sys.path[:] = {sys.path!r}; from {__name__} import serve; serve({entry!r})"
-    return subprocess.Popen(
+    process = subprocess.Popen(
         [sys.executable, "-c", code],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         env={**os.environ, **dict.fromkeys(THREAD_VARIABLES, "1")},
     )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    return _Worker(process, process.stdin, process.stdout)
 
 
 def _killed(job: Job, code: int) -> BuildError:
@@ -235,12 +219,8 @@ def serve(entry: str) -> None:
 
 
 def _receive(jobs: SimpleQueue[bytes]) -> None:
-    """Takes jobs from standard input; ends the process where it ends, since nobody waits then.
-
-    What the process was doing is lost as if it had been killed. It reads by descriptor: a thread
-    that waits in a buffered reader keeps the interpreter from shutting down.
-    """
-    buffer = b""
+    """Takes jobs from standard input; ends the process where it ends, since nobody waits then."""
+    buffer = b""  # a thread in a buffered reader would keep the interpreter from shutting down
     while data := os.read(0, 1 << 16):
         *lines, buffer = (buffer + data).split(b"\n")
         for line in lines:

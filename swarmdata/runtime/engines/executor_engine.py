@@ -1,7 +1,6 @@
 """The engine over any `concurrent.futures.Executor`; lost jobs are submitted again.
 
-What the processes of an executor need: this package and its extras in the same versions, and the
-folders that jobs name, as on a shared file system.
+Its processes need the same versions of all packages, and the folders that jobs name.
 """
 
 import threading
@@ -24,22 +23,20 @@ from swarmdata.runtime.engines.jobs import (
 MAX_SUBMITTED = 1_000
 """Jobs that an executor holds at once."""
 
+SHUTDOWN_SECONDS = 10
+"""An executor that does not end in this time is left to itself."""
+
 
 @dataclass
 class ExecutorEngine:
     """Does jobs by an executor, kept from one `run` to the next.
 
     Leaving it cancels what has not begun; the executor is shut down if the engine has opened it.
-
-    Args:
-        entry: "module:function" that returns the handler of a process.
-        open_executor: makes an executor; again, when the last one is broken.
-        is_owned: whether the engine shuts executors down.
     """
 
-    entry: str
-    open_executor: Callable[[], Executor]
-    is_owned: bool = True
+    entry: str  # "module:function" that returns the handler of a process
+    open_executor: Callable[[], Executor]  # called again when the last one is broken
+    is_owned: bool = True  # whether the engine shuts executors down
     _executor: Executor | None = None
     _running: dict["Future[dict[str, Any]]", Job] = field(default_factory=dict)
 
@@ -59,10 +56,9 @@ class ExecutorEngine:
         progress: Report = lambda amount: None,
         on_failure: OnFailure = stop_at_failure,
     ) -> None:
-        """Does all jobs, as `Engine.run` says; progress is reported once a job is done.
+        """Does all jobs, as `Crew.run`, but progress is reported once a job is done.
 
         Raises:
-            BuildError: a job failed, by default.
             EngineError: there is no executor any more that takes jobs.
         """
         queue, attempts = deque(jobs), Counter[str]()
@@ -91,10 +87,7 @@ class ExecutorEngine:
                     progress(outcome["progress"])
 
     def _submit(self, job: Job, lose: Callable[[Job, BaseException], None]) -> None:
-        """Hands a job to the executor; to a new one, if it takes no more.
-
-        What the last one has not done is lost then: nobody settles its futures any more.
-        """
+        """Hands a job to the executor; to a new one if it takes no more, and its jobs are lost."""
         assert self._executor is not None
         try:
             future = self._executor.submit(do_job, self.entry, job.payload)
@@ -128,10 +121,6 @@ def _refused(error: Exception, what_to_do: str) -> EngineError:
         f"the executor takes no more jobs ({type(error).__name__}: {error}). What is finished is "
         f"kept: {what_to_do}."
     )
-
-
-SHUTDOWN_SECONDS = 10
-"""An executor that does not end in this time is left to itself."""
 
 
 def _lost(job: Job, error: BaseException) -> BuildError:

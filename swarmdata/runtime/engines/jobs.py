@@ -1,15 +1,14 @@
 """Jobs: pieces of work that any process may do, described by JSON values.
 
-A job names what does it and what it is about. Its result is what it leaves in files, written in one
-rename, so doing it twice, or in two processes at once, is the same as doing it once.
+Its result is what it leaves in files, written in one rename: doing it twice is doing it once.
 """
 
 import os
 import threading
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, Self
+from typing import Any
 
 from swarmdata.errors import BuildError, SwarmdataError
 from swarmdata.runtime.own_components import import_component
@@ -49,32 +48,12 @@ class Job:
 
 
 OnFailure = Callable[[Job, BuildError], None]
-"""Gets a job that failed, and why; the others go on."""
+"""Gets a job that raised an error, or was lost `MAX_ATTEMPTS` times; the others go on."""
 
 
 def stop_at_failure(_job: Job, error: BuildError) -> None:
     """Raises the error: the first failure ends the whole run."""
     raise error
-
-
-class Engine(Protocol):
-    """Does jobs of one kind in several processes; a context manager, which ends them."""
-
-    def __enter__(self) -> Self: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def run(
-        self, jobs: Iterable[Job], progress: Report, on_failure: OnFailure = stop_at_failure
-    ) -> None:
-        """Does all jobs, in any order.
-
-        Args:
-            jobs: what to do.
-            progress: gets what handlers report.
-            on_failure: gets the jobs that raised an error, or were lost `MAX_ATTEMPTS` times.
-        """
-        ...
 
 
 def load_handler(entry: str) -> Handler:
@@ -91,8 +70,8 @@ def do_job(entry: str, payload: dict[str, Any]) -> dict[str, Any]:
     """Does a job in this process, which keeps the handler of `entry` for the next one.
 
     Returns:
-        `progress`, the sum of what the handler reported, or `error`, in one line or, for a bug,
-        with its traceback. Nothing is raised: not every engine can send every exception.
+        `progress`, the sum of what the handler reported, or `error`: not every engine can send
+        every exception.
     """
     reports: list[int] = []
     with _one_at_a_time:  # an engine's process may have several threads; handlers have one

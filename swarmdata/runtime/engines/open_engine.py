@@ -11,10 +11,13 @@ from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.engines.cluster_executors import open_dask, open_ray
 from swarmdata.runtime.engines.crew import Crew
 from swarmdata.runtime.engines.executor_engine import ExecutorEngine
-from swarmdata.runtime.engines.jobs import Engine, Job, Report, load_handler
+from swarmdata.runtime.engines.jobs import Job, Report, load_handler
 from swarmdata.runtime.engines.slurm_executor import open_slurm
 
 LOCAL = "local"
+
+Engine = Crew | ExecutorEngine
+"""Does jobs of one kind in several processes; a context manager, which ends them."""
 
 SLURM_MINUTES = 60
 """Length of a SLURM job, unless the engine's name says another."""
@@ -73,11 +76,11 @@ def do_jobs(
 
     Args:
         jobs: what to do.
-        entry: "module:function" that returns the handler.
+        entry: as `open_engine` takes it, and likewise `engine` and `folder`.
         what: the jobs in words, such as "evaluations".
-        engine: as `open_engine` takes it.
+        engine: where.
         workers: processes of the engine `local`; 1: this one, in the order of the jobs.
-        folder: what the command writes to, as `open_engine` takes it.
+        folder: what the command writes to.
         report: gets what handlers report.
 
     Raises:

@@ -1,8 +1,7 @@
 """The executor of a SLURM cluster, by submitit: a SLURM job for each job.
 
-Submitit keeps scripts, arguments, results and logs in a folder that all nodes see. A job is done
-when its result is in that folder. Whether it was lost is asked of `squeue` here: submitit asks
-`sacct`, at most every ten minutes, and clusters without accounting have none.
+A job is done when its result is in submitit's folder. Whether it was lost is asked of `squeue`:
+submitit asks `sacct`, every ten minutes, and clusters without accounting have none.
 """
 
 import subprocess
@@ -129,12 +128,9 @@ def queued_jobs() -> set[str] | None:
 
 
 def open_slurm(partition: str | None, folder: Path, minutes: int) -> Executor:
-    """Returns an executor whose calls are SLURM jobs.
+    """Returns an executor whose calls are SLURM jobs, which end after some minutes.
 
-    Args:
-        partition: of the cluster; None: its default.
-        folder: for submitit's files, which all nodes see.
-        minutes: after which SLURM ends a job; the engine then submits it again, and it resumes.
+    The partition is the default one without a name; all nodes see the folder of submitit's files.
 
     Raises:
         MissingExtraError: submitit is not installed.

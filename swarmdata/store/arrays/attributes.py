@@ -1,8 +1,6 @@
-"""The Zarr attributes of every array: what it and each of its columns mean.
+"""The Zarr attributes of every array: what it and its columns mean, for who has Zarr only.
 
-They are for readers who have Zarr but not this package. They are a pure function of the origin and
-of the arrays' shapes. Nothing here reads them: they are in no digest but that of their file. What a
-recording does not tell is left out.
+They are a pure function of the origin and of the arrays' shapes, and in no logical digest.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -268,12 +266,6 @@ def _range(described: Column | Field) -> list[float | None]:
 def _plain(columns: Sequence[Column]) -> list[Attributes]:
     """Columns as JSON."""
     return [
-        {
-            "name": column.name,
-            "meaning": column.meaning,
-            "unit": column.unit,
-            "range": _range(column),
-            "frame": column.frame,
-        }
-        for column in columns
+        {"name": c.name, "meaning": c.meaning, "unit": c.unit, "range": _range(c), "frame": c.frame}
+        for c in columns
     ]

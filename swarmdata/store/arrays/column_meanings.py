@@ -31,12 +31,7 @@ def task_columns(task: Task) -> dict[str, tuple[Column, ...]]:
 
 
 def columns_of(task: Task, array: str, agent: int = 0) -> tuple[Column, ...]:
-    """The columns of one row of an array.
-
-    Args:
-        task: of the dataset.
-        array: one that has columns, such as `states`.
-        agent: whose actions, where robots differ.
+    """The columns of one row of an array such as `states`; of `actions`, those of an agent.
 
     Raises:
         UnknownNameError: no such array has columns.
@@ -86,9 +81,7 @@ def planar_vectors(columns: tuple[Column, ...]) -> tuple[int, ...]:
 def state_layout(task: Task | None, state_size: int) -> tuple[int, tuple[int, ...]]:
     """Returns the columns of each robot in a state, and `planar_vectors`; 0 and () if unknown.
 
-    Args:
-        task: None for recordings of other environments.
-        state_size: of the states, which may be others than the task's.
+    States may be others than the task's, and have no task in recordings of other environments.
     """
     columns = () if task is None else state_columns(task)
     return (N_COLUMNS, planar_vectors(columns)) if len(columns) == state_size else (0, ())

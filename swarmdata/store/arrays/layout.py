@@ -1,12 +1,8 @@
 """The layout of a stored dataset: its arrays, their dtypes and rows, and the bytes of their files.
 
-Every array is cut into equal, uncompressed chunks in Zarr v3 shards, one file each. Up to
-`SHARD_BYTES` there is one shard, so that the file is the row-major array, then padding up to a
-whole chunk, then the shard index. A larger array has several shards of equally many rows, whose
-data fill whole pages of any system: mapped one after the other they are the array again. Zarr v3
-specification, "sharding codec", section "binary shard format": per chunk its offset and length as
-little-endian uint64, then the CRC-32C of those bytes; both numbers are 2^64 - 1 for a chunk that
-is not there, as after the end of the array in the last of several shards.
+Every array is cut into equal, uncompressed chunks in Zarr v3 shards, one file each: the row-major
+array, padding up to a whole chunk, the shard index. Arrays above `SHARD_BYTES` have several shards,
+whose data fill whole pages of any system: mapped one after the other they are the array again.
 """
 
 import math
@@ -24,11 +20,7 @@ from swarmdata.runtime import cache_folder
 from swarmdata.specs.plain_names import is_file_name
 
 FORMAT_VERSION = 2
-"""Newest format that is read, that of arrays in several shards.
-
-Raised only when an older library could not read the data; new keys and arrays do not raise it. A
-dataset says the lowest version that can read it, see `format_version`.
-"""
+"""Newest format that is read, that of arrays in several shards; new keys do not raise it."""
 
 DATA, MANIFEST, RECIPE, CARD = "data.zarr", cache_folder.MANIFEST, "recipe.json", "card.md"
 """Names inside a dataset's folder."""
@@ -58,14 +50,10 @@ DType = Literal["bool", "uint8", "int64", "uint64", "float32", "float64"]
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """One array: its dtype, what a row is, the names of its axes, and what it means.
-
-    `rows` is `steps` (T per episode), `states` (T + 1 per episode) or `episodes` (1 per episode).
-    What its columns mean, `attributes` says.
-    """
+    """One array: its dtype, what a row is, the names of its axes, and what it means."""
 
     dtype: DType
-    rows: Literal["steps", "states", "episodes"]
+    rows: Literal["steps", "states", "episodes"]  # T, T + 1 and 1 per episode
     dimensions: tuple[str, ...]
     meaning: str
     unit: str = ""
@@ -94,8 +82,9 @@ ROW_MEANINGS = {
 """What the rows of an array are, and where an episode's are."""
 
 
-def _states(dtype: DType, axes: str, meaning: str, *bounds: float) -> Field:
-    return Field(dtype, "states", ("state", *axes.split()), meaning, "", *bounds)
+def _states(dtype: DType, axes: str, meaning: str, *bounds: float, images: bool = False) -> Field:
+    names = ("state", *axes.split())
+    return Field(dtype, "states", names, meaning, "", *bounds, may_be_bytes=images)
 
 
 def _steps(dtype: DType, axes: str, meaning: str, *bounds: float) -> Field:
@@ -107,19 +96,17 @@ def _column(dtype: DType, meaning: str, *bounds: float) -> Field:
 
 
 FIELDS = {
-    "observations": Field(
+    "observations": _states(
         "float32",
-        "states",
-        ("state", "agent", "observation"),
+        "agent observation",
         "what each agent observed in a state, the last one included",
-        may_be_bytes=True,
+        images=True,
     ),
-    "states": Field(
+    "states": _states(
         "float32",
-        "states",
-        ("state", "feature"),
+        "feature",
         "the whole state of the world, for training and analysis only",
-        may_be_bytes=True,
+        images=True,
     ),
     "sent": _states("float32", "agent value", "message that each agent sent in a state"),
     "delivered": _states(
@@ -238,19 +225,12 @@ GROUP_FILES = (f"{DATA}/zarr.json", f"{DATA}/episodes/zarr.json")
 
 @dataclass(frozen=True, slots=True)
 class Shard:
-    """The byte layout of one array's files.
-
-    Args:
-        dtype: name of the NumPy and Zarr dtype.
-        shape: shape of the array.
-        chunk_rows: rows of each chunk.
-        shard_rows: rows of each file, a multiple of `chunk_rows`; None: one file has all rows.
-    """
+    """The byte layout of one array's files."""
 
     dtype: DType
     shape: tuple[int, ...]
     chunk_rows: int
-    shard_rows: int | None = None
+    shard_rows: int | None = None  # of each file, whole chunks; None: one file has all rows
 
     nbytes: int = field(init=False)  # of the array itself, at the start of the data
     n_chunks: int = field(init=False)  # of the array; none, and no file, without elements
@@ -299,7 +279,11 @@ _SIZES = ("nbytes", "n_chunks", "chunk_bytes", "data_bytes", "shard_chunks", "n_
 
 @lru_cache(maxsize=256)
 def shard_index(n_chunks: int, chunk_bytes: int, n_entries: int) -> bytes:
-    """The shard index of chunks in order and without gaps; further entries are `ABSENT`."""
+    """The shard index of chunks in order and without gaps; further entries are `ABSENT`.
+
+    Offset and length of each chunk, little-endian uint64, then the CRC-32C of those bytes (Zarr v3
+    specification, "sharding codec", section "binary shard format").
+    """
     numbers = [n for k in range(n_chunks) for n in (k * chunk_bytes, chunk_bytes)]
     numbers += [ABSENT] * 2 * (n_entries - n_chunks)
     table = struct.pack(f"<{len(numbers)}Q", *numbers)
@@ -320,17 +304,9 @@ class ArrayPlan(NamedTuple):
     metadata: dict[str, Any]  # `expected_metadata`
 
 
-def plan_arrays(
-    arrays: Mapping[str, tuple[DType, tuple[int, ...], int, int | None]],
-) -> dict[str, ArrayPlan]:
-    """Plans all arrays of a dataset: dtype, shape, rows of each chunk and of each file, by name."""
-    shards = {name: Shard(*entry) for name, entry in arrays.items()}
-    return {
-        name: ArrayPlan(
-            shard, array_files(name, shard), metadata_file(name), expected_metadata(shard)
-        )
-        for name, shard in shards.items()
-    }
+def plan_array(name: str, shard: Shard) -> ArrayPlan:
+    """Where an array of this layout lies, and what Zarr says of it."""
+    return ArrayPlan(shard, array_files(name, shard), metadata_file(name), expected_metadata(shard))
 
 
 def array_files(name: str, shard: Shard) -> tuple[str, ...]:
@@ -361,15 +337,13 @@ POSSIBLE_FILES = (
     *map(metadata_file, ALL_FIELDS),
     *(array_file(name, len(field.dimensions)) for name, field in ALL_FIELDS.items()),
 )
-"""Every file that a dataset of one shard for each array can have but checkpoints, whose names are
-the recipe's; a manifest lists some of them. Further shards are known by `is_array_file`."""
+"""Every file that a dataset can have but checkpoints and further shards (`is_array_file`)."""
 
 
 def plan_shard(dtype: DType, shape: tuple[int, ...]) -> Shard:
     """Cuts an array into equal chunks of at most `CHUNK_ROWS` rows, with the least padding.
 
-    Where it has more than `SHARD_BYTES`, rows of chunks and files are powers of two or multiples of
-    such, and files have at most `SHARD_BYTES`, unless that is no whole number of pages.
+    Files have at most `SHARD_BYTES`, unless that is no whole number of pages.
     """
     row_bytes = math.prod(shape[1:]) * np.dtype(dtype).itemsize
     if shape[0] * row_bytes <= SHARD_BYTES:

@@ -62,11 +62,8 @@ def _mapped(path: Path, plan: ArrayPlan) -> tuple[NDArray[np.uint8], tuple[bytes
 
 
 def _joined(files: Sequence[BinaryIO], sizes: Sequence[int]) -> NDArray[np.uint8]:
-    """Maps the beginnings of files one after the other: all but the last fill whole pages.
-
-    A private map without a file holds the range of addresses; each file is mapped over its part of
-    it. The whole range is unmapped with the first map, when its last view is gone.
-    """
+    """Maps the beginnings of files one after the other: all but the last fill whole pages."""
+    # holds the range of addresses, over which files are mapped; its end unmaps all of them
     held = mmap.mmap(
         -1, sum(sizes), flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS, prot=mmap.PROT_READ
     )

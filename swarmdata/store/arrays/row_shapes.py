@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
 
-from swarmdata.specs.origins import Spec
+from swarmdata.specs.origins import Origin
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS
 
@@ -15,36 +15,35 @@ MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/la
 """Arrays without columns, or rows, where a recording does not have them."""
 
 
-@lru_cache(maxsize=64)
-def task_row_shapes(spec: TaskSpec, *, widths: bool = True) -> Mapping[str, Shape]:
-    """Shapes without the first axis, by the name of the array, of a dataset of our tasks.
-
-    `widths` adds those of observations, states, messages and layouts, which take the task's code,
-    which is compiled.
-    """
-    n_terms = (
-        len(type(spec.rules.rewards).model_fields) - 1
-    )  # every weight has one; team_share none
-    known = _of_any(spec.n_agents, spec.action_size) | {
-        "events": (spec.n_agents, len(EVENTS)),
-        "reward_terms": (spec.n_agents, n_terms),
-    }
-    return MappingProxyType(known | _of_task(spec) if widths else known)
-
-
-def team_row_shapes(spec: Spec) -> Mapping[str, Shape]:
-    """Like `task_row_shapes`, of a task that another package defines: what the team alone tells."""
-    return _of_any(spec.n_agents, spec.action_size)
-
-
-def recorded_row_shapes(spec: Spec) -> Mapping[str, Shape]:
-    """Like `task_row_shapes`, of a recording of another environment."""
-    return _of_any(spec.n_agents, spec.action_size) | {
+def row_shapes(origin: Origin, *, widths: bool) -> Mapping[str, Shape]:
+    """Shapes without the first axis, by the name of the array; `widths` as of `task_row_shapes`."""
+    spec = origin.spec
+    if spec.world is not None and origin.missing is None:
+        return task_row_shapes(spec.world, widths=widths)
+    known = _of_any(spec.n_agents, spec.action_size)
+    if origin.missing is not None:  # the task of another package
+        return known
+    return known | {
         "observations": (spec.n_agents, spec.observation_size),
         "states": (spec.state_size,),
         "events": (spec.n_agents, 0),
         "episodes/layouts": (0, 8),
     }
+
+
+@lru_cache(maxsize=64)
+def task_row_shapes(spec: TaskSpec, *, widths: bool = True) -> Mapping[str, Shape]:
+    """`row_shapes` of our tasks.
+
+    `widths` adds those of observations, states, messages and layouts, which take the task's code,
+    which is compiled.
+    """
+    n_terms = len(type(spec.rules.rewards).model_fields) - 1  # every weight but team_share has one
+    known = _of_any(spec.n_agents, spec.action_size) | {
+        "events": (spec.n_agents, len(EVENTS)),
+        "reward_terms": (spec.n_agents, n_terms),
+    }
+    return MappingProxyType(known | _of_task(spec) if widths else known)
 
 
 def _of_any(n_agents: int, action_size: int) -> dict[str, Shape]:

@@ -17,11 +17,11 @@ BLOCK_NUMBERS = 1 << 20
 
 @dataclass(slots=True)
 class Moments:
-    """Running sums over blocks of rows.
+    """Running float64 sums over blocks of rows, in the order of the calls.
 
-    Sums are taken around the first row (Chan, Golub and LeVeque, "Algorithms for computing the
+    They are taken around the first row (Chan, Golub and LeVeque, "Algorithms for computing the
     sample variance", The American Statistician 37(3), 1983, section 3), so that a constant column
-    has a deviation of exactly 0. Each call adds one float64 sum, in the order of the calls.
+    has a deviation of exactly 0.
     """
 
     shift: Double | None = None  # [F]

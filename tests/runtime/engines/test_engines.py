@@ -6,10 +6,9 @@ import os
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 import pytest
@@ -19,7 +18,8 @@ from swarmdata.errors import BuildError, EngineError
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.store import read_manifest
-from tests.runtime.engines.conftest import ENTRY, job, starts
+from tests.runtime.engines.conftest import ENTRY, job, starts, wait_for
+from tests.support.pairs import slow
 from tests.support.tiny import TINY
 
 KERNEL = """
@@ -43,8 +43,6 @@ START_SECONDS = 120
 """For schedulers and their workers, on a busy machine."""
 
 os.environ.setdefault("RAY_agent_register_timeout_ms", str(1000 * START_SECONDS))
-
-Engines = Callable[[], str | Executor]
 
 
 def start_dask(command: str, *arguments: str) -> "subprocess.Popen[bytes]":
@@ -80,18 +78,6 @@ def pool() -> Iterator[Executor]:
 
 
 @contextmanager
-def local() -> Iterator[str]:
-    """Processes of this machine."""
-    yield "local"
-
-
-@contextmanager
-def ray_processes() -> Iterator[str]:
-    """Ray on this machine."""
-    yield "ray"
-
-
-@contextmanager
 def ray_cluster() -> Iterator[str]:
     """A Ray of two cores that runs already, reached as a client reaches one elsewhere."""
     port, client_port = free_port(), free_port()
@@ -103,40 +89,32 @@ def ray_cluster() -> Iterator[str]:
     ]  # fmt: skip
     head = subprocess.Popen(program, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        wait_for_answer(client_port, head)
+        wait_for(lambda: head.poll() is not None or answers(client_port))
         yield f"ray://127.0.0.1:{client_port}"
     finally:
         head.terminate()
         head.wait(START_SECONDS)
 
 
-def wait_for_answer(port: int, server: "subprocess.Popen[bytes]") -> None:
-    """Returns when a server takes connections."""
-    end = time.monotonic() + START_SECONDS
-    while server.poll() is None and time.monotonic() < end:
-        with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
-            return
-        time.sleep(0.1)
-    raise AssertionError(f"nothing answers at port {port}; the server's status: {server.poll()}")
+def answers(port: int) -> bool:
+    with suppress(OSError), socket.create_connection(("127.0.0.1", port)):
+        return True
+    return False
 
 
-SLOW = pytest.mark.slow
+STARTS: dict[str, tuple[Callable[[], AbstractContextManager[str | Executor]], str | None]] = {
+    "local": (lambda: nullcontext("local"), None),
+    "executor": (pool, None),
+    "dask": (dask_cluster, "distributed"),
+    "ray": (lambda: nullcontext("ray"), "ray"),
+    "ray-client": (ray_cluster, "ray"),
+}
+"""How each engine is started, and the package that it needs."""
 
-ENGINES = [
-    pytest.param(local, id="local"),
-    pytest.param(pool, id="executor"),
-    pytest.param(dask_cluster, id="dask", marks=SLOW),
-    pytest.param(ray_processes, id="ray", marks=SLOW),
-    pytest.param(ray_cluster, id="ray-client", marks=SLOW),
-]
+ENGINES = ["local", "executor", *slow("dask", "ray", "ray-client")]
 
-WITH_SLOW_EXECUTOR = [
-    each if each.id != "executor" else pytest.param(pool, id="executor", marks=SLOW)
-    for each in ENGINES
-]
+WITH_SLOW_EXECUTOR = ["local", *slow("executor", "dask", "ray", "ray-client")]
 """Where its processes do what those of `local` do, after the same beginning."""
-
-PACKAGES = {dask_cluster: "distributed", ray_processes: "ray", ray_cluster: "ray"}
 
 
 @pytest.fixture
@@ -151,11 +129,11 @@ def engine(
     request: pytest.FixtureRequest, tmp_path: Path, handler: None
 ) -> Iterator[str | Executor]:
     """Each engine; its processes find the handler and a kernel."""
-    package = PACKAGES.get(request.param)
+    start, package = STARTS[request.param]
     if package is not None and importlib.util.find_spec(package) is None:
         pytest.skip(f"needs {package}")
     (tmp_path / "engine_kernel.py").write_text(KERNEL)
-    with request.param() as found:
+    with start() as found:
         yield found
 
 
@@ -190,7 +168,7 @@ def test_a_job_whose_process_dies_is_done_again_and_named_in_the_end(
     engine: str | Executor, tmp_path: Path
 ) -> None:
     if isinstance(engine, Executor):
-        pytest.skip("a pool of the user's is broken then: see the next test")
+        pytest.skip("a pool of the user's is broken then: see test_lost_schedulers.py")
     reports: list[int] = []
     with open_engine(engine, ENTRY, n_workers=2, folder=tmp_path / "x") as opened:
         opened.run([job(tmp_path, "victim", "die once"), job(tmp_path, "good")], reports.append)
@@ -199,15 +177,6 @@ def test_a_job_whose_process_dies_is_done_again_and_named_in_the_end(
         assert sum(reports) == 2 * 7
         with pytest.raises(BuildError, match=r"doomed failed.*3 times"):
             opened.run([job(tmp_path, "doomed", "die")], reports.append)
-
-
-def test_a_broken_executor_is_said_to_be_broken(tmp_path: Path) -> None:
-    with pool() as executor:
-        assert executor.submit(os._exit, 1).exception() is not None
-        with open_engine(executor, "a:b", n_workers=1, folder=tmp_path) as opened:
-            jobs = [job(tmp_path, "any")]
-            with pytest.raises(EngineError, match="takes no more jobs"):
-                opened.run(jobs, lambda n: None)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock, call
 
 import pytest
 
@@ -137,77 +138,36 @@ def test_a_job_that_loses_every_executor_is_named(tmp_path: Path) -> None:
         engine.run([job(tmp_path, f"job-{k}") for k in range(N_JOBS)], lambda n: None)
 
 
-class Client:
-    """A client of Dask, which takes calls although its connection is lost."""
-
-    def __init__(self) -> None:
-        self.status, self.events = "running", list[str]()
-
-    def get_executor(self, **settings: bool | int) -> "Client":
-        assert settings == {"pure": False, "retries": 0}
-        return self
-
-    def submit(self, fn: Callable[..., Any]) -> "Future[Any]":
-        self.events.append("submit")
-        return Future()
-
-    def shutdown(self, *, wait: bool) -> None:
-        self.events.append("shutdown")
-
-    def close(self) -> None:
-        self.events.append("close")
-
-
 def test_a_dask_client_without_its_scheduler_gets_no_calls() -> None:
-    client = Client()
+    """It takes them although its connection is lost."""
+    client = Mock(status="running")
     executor = cluster_executors.DaskExecutor(client)
     executor.submit(print)
     client.status = "connecting"
     with pytest.raises(ConnectionError, match="client of Dask is connecting"):
         executor.submit(print)
     executor.shutdown(wait=False)
-    assert client.events == ["submit", "close"]
+    settings = call.get_executor(pure=False, retries=0)
+    assert client.mock_calls == [settings, call.get_executor().submit(print), call.close()]
 
 
-class SlurmJob:
-    """A job of submitit, whose files and commands may fail."""
+def slurm_job(error: Exception | None = None, *, is_done: bool = True) -> Mock:
+    """A job of submitit, whose files and commands may fail; it submits itself."""
+    job = Mock(job_id="7")
+    job.paths.stderr = "7_log.err"
+    job.paths.result_pickle.exists.configure_mock(return_value=is_done, side_effect=error)
+    job.result.return_value, job.cancel.side_effect, job.submit.return_value = 3, error, job
+    return job
 
-    job_id, stderr = "7", "7_log.err"
 
-    def __init__(self, error: Exception | None = None, *, is_done: bool = True) -> None:
-        self.error, self.is_done = error, is_done
-        self.cancelled: list[bool] = []
-
-    @property
-    def paths(self) -> "SlurmJob":
-        return self
-
-    @property
-    def result_pickle(self) -> "SlurmJob":
-        return self
-
-    def exists(self) -> bool:
-        if self.error is not None:
-            raise self.error
-        return self.is_done
-
-    def result(self) -> int:
-        return 3
-
-    def cancel(self, *, check: bool) -> None:
-        self.cancelled.append(check)
-        if self.error is not None:
-            raise self.error
-
-    def submit(self, fn: Callable[..., Any]) -> "SlurmJob":
-        return self
+CANCELLED = [call(check=False)]
 
 
 def test_slurm_jobs_of_which_nothing_is_known_are_lost_and_the_others_found(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(slurm_executor, "POLL_SECONDS", 0.01)
-    bad, good = SlurmJob(OSError("stale file handle")), SlurmJob()
+    bad, good = slurm_job(OSError("stale file handle")), slurm_job()
     executor = SlurmExecutor(bad, lambda: {"7"})
     lost = executor.submit(print)
     assert isinstance(lost.exception(START_SECONDS), OSError)
@@ -228,13 +188,13 @@ def test_slurm_jobs_are_waited_for_while_it_does_not_answer_and_cancelled_with_t
         looks.append(answer)
         return answer
 
-    waiting = SlurmJob(is_done=False)
+    waiting = slurm_job(is_done=False)
     executor = SlurmExecutor(waiting, queued_jobs)
     future, unwanted = executor.submit(print), executor.submit(print)
     wait_for(lambda: len(looks) > 3)
     assert not future.done()
     assert unwanted.cancel()
-    wait_for(lambda: waiting.cancelled == [False])
+    wait_for(lambda: waiting.cancel.mock_calls == CANCELLED)
     answer = set()
     with pytest.raises(EngineError, match="SLURM job 7 ended without a result; its log is 7_log"):
         future.result(START_SECONDS)
@@ -246,11 +206,11 @@ def test_slurm_that_is_gone_does_not_answer(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
     assert slurm_executor.queued_jobs() is None
-    gone = [SlurmJob(FileNotFoundError("scancel")) for _ in range(2)]
+    gone = [slurm_job(FileNotFoundError("scancel")) for _ in range(2)]
     monkeypatch.setattr(SlurmExecutor, "_poll", lambda self: None)
     executor = SlurmExecutor(gone[0], slurm_executor.queued_jobs)
     executor.submit(print)
     executor._submitter = gone[1]
     executor.submit(print)
     executor.shutdown()
-    assert [each.cancelled for each in gone] == [[False], [False]], "all are tried, none is checked"
+    assert [each.cancel.mock_calls for each in gone] == [CANCELLED, CANCELLED], "all are tried"

@@ -17,7 +17,7 @@ from swarmdata.errors import BuildError
 from swarmdata.runtime.engines import slurm_executor
 from swarmdata.runtime.engines.open_engine import open_engine
 from swarmdata.store import read_manifest
-from tests.runtime.engines.conftest import HANDLER, job, starts
+from tests.runtime.engines.conftest import ENTRY, job, once_there, starts
 from tests.runtime.engines.test_engines import study_tables
 from tests.support.slurm_loopback import Slurm, slurm_cluster, why_not
 from tests.support.tiny import TINY
@@ -36,33 +36,17 @@ def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Slurm]:
 
 
 @pytest.fixture(autouse=True)
-def quick(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Jobs find this package and the handler; a lost job is noticed soon."""
-    (tmp_path / "engine_handler.py").write_text(HANDLER)
-    monkeypatch.syspath_prepend(str(tmp_path))
+def quick(handler: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Jobs find this package as well; a lost job is noticed soon."""
     paths = [str(tmp_path), str(Path.cwd()), *filter(None, sys.path)]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(paths))
     monkeypatch.setattr(slurm_executor, "RESULT_SECONDS", 3.0)
 
 
-def when_first_part_is_there(out: Path, action: object) -> threading.Thread:
-    """Does something in another thread once a part has been made."""
-    assert callable(action)
-
-    def watch() -> None:
-        while not list(build_folder(out).glob("policy-*")):
-            time.sleep(0.05)
-        action()
-
-    thread = threading.Thread(target=watch, daemon=True)
-    thread.start()
-    return thread
-
-
 def test_a_node_is_drained_while_a_dataset_is_made(slurm: Slurm, tmp_path: Path) -> None:
     expected = build(SOME, tmp_path / "alone", progress=False)
     out = tmp_path / "d"
-    drained = when_first_part_is_there(out, lambda: slurm.update("one", "DRAIN"))
+    drained = once_there(build_folder(out), "policy-*", lambda: slurm.update("one", "DRAIN"))
     try:
         build(SOME, out, engine="slurm:debug", progress=False)
         drained.join()
@@ -86,8 +70,7 @@ def test_a_node_that_fails_and_a_scheduler_that_starts_again_lose_nothing(
         slurm.start_controller()
 
     thread = threading.Thread(target=disturb, daemon=True)
-    engine = open_engine("slurm", "engine_handler:work", n_workers=1, folder=tmp_path / "x")
-    with engine as opened:
+    with open_engine("slurm", ENTRY, n_workers=1, folder=tmp_path / "x") as opened:
         thread.start()
         reports: list[int] = []
         opened.run(jobs, reports.append)
@@ -100,8 +83,7 @@ def test_a_node_that_fails_and_a_scheduler_that_starts_again_lose_nothing(
 def test_a_job_that_is_killed_is_submitted_again_and_named_in_the_end(
     slurm: Slurm, tmp_path: Path
 ) -> None:
-    engine = open_engine("slurm", "engine_handler:work", n_workers=1, folder=tmp_path / "x")
-    with engine as opened:
+    with open_engine("slurm", ENTRY, n_workers=1, folder=tmp_path / "x") as opened:
         opened.run([job(tmp_path, "victim", "die once")], lambda n: None)
         assert starts(tmp_path, "victim") == 2
         with pytest.raises(BuildError, match=r"doomed failed.*3 times"):
@@ -109,7 +91,7 @@ def test_a_job_that_is_killed_is_submitted_again_and_named_in_the_end(
 
 
 def test_ctrl_c_empties_the_queue(slurm: Slurm, tmp_path: Path) -> None:
-    engine = open_engine("slurm", "engine_handler:work", n_workers=1, folder=tmp_path / "x")
+    engine = open_engine("slurm", ENTRY, n_workers=1, folder=tmp_path / "x")
 
     def stop_at_first(job: object, error: BuildError) -> None:
         raise KeyboardInterrupt

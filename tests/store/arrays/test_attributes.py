@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,23 +20,15 @@ from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.attributes import FRAME_MEANINGS, attributes_of
-from swarmdata.store.arrays.layout import ALL_FIELDS, FIELDS
+from swarmdata.store.arrays.layout import FIELDS
 from swarmdata.store.arrays.row_shapes import task_row_shapes
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
-from tests.support.one_process import use_one_process
 from tests.support.pairs import once_each
-from tests.support.tiny import make_tiny
 
-WITH_COLUMNS = (
-    "observations",
-    "states",
-    "sent",
-    "actions",
-    "reward_terms",
-    "events",
-    "episodes/layouts",
-)
+WITH_COLUMNS = {
+    *("observations", "states", "sent", "actions", "reward_terms", "events", "episodes/layouts")
+}
 
 
 def recipe_of(spec: TaskSpec) -> Recipe:
@@ -66,7 +59,6 @@ def shapes_of(env: VecEnv) -> dict[str, tuple[int, ...]]:
 
 
 def columns_of(attributes: dict[str, Any]) -> Iterator[list[dict[str, Any]]]:
-    """The columns of an array, of each agent where they differ."""
     if "columns" in attributes:
         yield attributes["columns"]
     yield from attributes.get("columns_of_agents", {}).values()
@@ -105,7 +97,6 @@ def test_every_column_of_every_preset_is_named(name: str) -> None:
 
 
 def check_weights(task: Any) -> None:
-    """Every weight of the reward is in one term."""
     weights = dict(task.spec.rules.rewards)
     share = weights.pop("team_share")
     terms = reward_terms(task)
@@ -240,15 +231,9 @@ def test_a_width_that_is_not_the_specs_gets_no_columns() -> None:
     assert len(described["observations"]["columns"]) == 53
 
 
-def test_every_array_has_a_meaning() -> None:
-    assert all(field.meaning for field in ALL_FIELDS.values())
-
-
-def test_zarr_reads_them(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_zarr_reads_them(tiny: Path) -> None:
     """Row 44: array attributes were empty."""
-    use_one_process(monkeypatch)
-    folder = make_tiny(tmp_path / "ds", n_steps=160)
-    group: Any = zarr.open_group(folder / "data.zarr", mode="r")
+    group: Any = zarr.open_group(tiny / "data.zarr", mode="r")
     names = group["states"].attrs["columns"]
     assert [column["name"] for column in names[:3]] == ["robot_0.x", "robot_0.y", "robot_0.vx"]
     assert all(dict(group[name].attrs)["meaning"] for name in FIELDS)
