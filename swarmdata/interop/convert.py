@@ -141,10 +141,6 @@ def store_imported(
         origin: of the dataset.
         episodes: in order.
         splits: code of each episode's split; None to draw them as `origin` says.
-
-    Raises:
-        ConversionError: rows contradict the metadata, or no episode is in the train split.
-        BuildError: another dataset is at `out`.
     """
     if not is_vacant(out):  # either this dataset, finished before, or an error
         assemble(out, recipe=origin, parts={}, order=[])

@@ -108,11 +108,7 @@ def _create(file: Any, key: str, n_rows: int, shape: tuple[int, ...], dtype: np.
 
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens a file that this library or others wrote in the style of D4RL.
-
-    Raises:
-        ConversionError: it is no such file, or is ambiguous.
-    """
+    """Opens a file that this library or others wrote in the style of D4RL."""
     with open_hdf5(source) as file:
         if NOTE_KEY in file:
             yield _read_exported(file, source)
@@ -146,11 +142,7 @@ _OPTIONAL_KEYS = ("timeouts", "next_observations")
 
 
 def read_foreign_file(file: Any, source: Path, task: str, choices: Choices) -> ImportedData:
-    """Imports flat arrays: of one agent, of several concatenated agents, or with an agent axis.
-
-    Raises:
-        ConversionError: it is no such file, or is ambiguous.
-    """
+    """Imports flat arrays: of one agent, of several concatenated agents, or with an agent axis."""
     absent = [name for name in _REQUIRED_KEYS if name not in file]
     if absent:
         raise ConversionError(

@@ -60,17 +60,9 @@ def export_dataset(
 def in_frame(dataset: Dataset, anchor: str) -> Dataset:
     """Returns the episodes of a subset with observations and actions turned, all others as zeros.
 
-    They are those of `learn.training.training_data`: after the observation's own numbers come the
-    numbers that the frame adds, `Frame.names`. States, messages and layouts stay in the world's
-    frame. Large new arrays are in files without a name, as those of `Dataset.reobserve` are.
-
-    Args:
-        dataset: to turn.
-        anchor: of the frame, as `frames.find_frame` takes it; `world` changes nothing.
-
-    Raises:
-        SpecError: the dataset cannot have such a frame.
-        DiskFullError: the new arrays are large, and no space is left.
+    After an observation's own numbers come those that the frame adds, as in
+    `learn.training.training_data`. States, messages and layouts stay in the world's frame. Large
+    new arrays are in files without a name, as those of `Dataset.reobserve` are.
     """
     frame = frame_of(dataset.spec, anchor)
     if frame is None:

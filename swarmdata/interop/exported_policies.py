@@ -100,12 +100,7 @@ def _columns(space: Space, name: str) -> list[str]:
 
 
 def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
-    """What actions in [-1, 1] mean: middle + half * action, for each robot, in SI units.
-
-    An action is first scaled down to the p-norm 1 if it is longer, with p = `norm`, unless None.
-    `stop` is the command that stops a robot, None where this is not known: zero stops none that is
-    commanded by accelerations.
-    """
+    """What actions mean: middle + half * action, in SI units; `stop` is None where not known."""
     if isinstance(spec, TaskSpec):
         commands = []
         for robot in spec.robots:

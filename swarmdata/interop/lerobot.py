@@ -55,12 +55,7 @@ _EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
-    """Writes a view as one LeRobot dataset.
-
-    Raises:
-        ConversionError: the robots do not act a whole number of times a second.
-        MissingExtraError: the extra `parquet` is not installed.
-    """
+    """Writes a view as one LeRobot dataset."""
     library, fps = arrow(), _fps(dataset)
     order = np.argsort(dataset.episodes.split, kind="stable")
     dataset = replace(dataset, selection=dataset.selection[order])

@@ -163,10 +163,7 @@ def misplaced(dataset: Dataset, path: Path) -> str | None:
 
 
 def _while_there_is_room(dataset: Dataset, path: Path) -> Iterator[Episode]:
-    """Yields episodes; raises before the disk is full.
-
-    Minari opens the file itself, and the HDF5 library crashes the process if a write fails.
-    """
+    """Yields episodes; raises before a full disk would crash HDF5, whose file Minari opens."""
     reads = MappedReads(dataset.stored.arrays.values())
     for episode in dataset:
         arrays = [getattr(episode, name) for name in episode.__slots__]
@@ -206,9 +203,6 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 
     The entries of its Dict spaces are the agents if this library wrote it, or if `choices.agents`
     names exactly their keys. Otherwise there is one agent.
-
-    Raises:
-        ConversionError: it is no such folder, or its contents contradict each other.
     """
     folder = source / "data" if (source / "data").is_dir() else source
     if not (folder / "metadata.json").is_file():

@@ -105,11 +105,7 @@ def _columns(arrays: Arrays, agents: Sequence[RecordedAgent]) -> Iterator[tuple[
 
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens a folder that this library wrote, one of others, or a folder of several.
-
-    Raises:
-        ConversionError: files are missing or do not fit together, or the ends are ambiguous.
-    """
+    """Opens a folder that this library wrote, one of others, or a folder of several."""
     if (note := read_note(source)) is not None:
         yield _read_exported(source, note)
     else:
@@ -147,11 +143,7 @@ Agents = Sequence[Arrays]
 
 
 def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
-    """Opens a folder, or a folder of folders in the order of their names.
-
-    Raises:
-        ConversionError: files are missing or do not fit together, or the ends are ambiguous.
-    """
+    """Opens a folder, or a folder of folders in the order of their names."""
     folders = [path.parent for path in (*source.glob("obs_0.npy"), *source.glob("*/obs_0.npy"))]
     if not folders:
         raise ConversionError(

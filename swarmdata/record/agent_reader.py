@@ -54,11 +54,7 @@ class AgentReader:
         return np.array([name in present for name in self.names])
 
     def observations(self, given: Mapping[Any, Any], seen: Bool) -> tuple[FloatOrByte, FloatOrByte]:
-        """Observations of all agents; zeros for absent ones.
-
-        Args:
-            given: observations by agent.
-            seen: agents that are present or have just left, [N].
+        """Observations of the agents that are seen, [N], zeros for others.
 
         Returns:
             rows padded to the widest agent, [N, O], and their concatenation without padding; uint8
@@ -104,10 +100,7 @@ class AgentReader:
         return any(_mask_of(name, observations, infos) is not None for name in self.names)
 
     def masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool) -> Bool:
-        """Allowed choices, [N, C]: all for a living agent without a mask, none for a dead one.
-
-        The choices of a multi-discrete action are those of its parts, one after the other.
-        """
+        """Allowed choices, [N, C], of parts in a row: all without a mask, none of the dead."""
         counts = [n_choices(agent.action) for agent in self.agents]
         masks = np.zeros((len(counts), max(counts)), dtype=np.bool_)
         for index, (name, count) in enumerate(zip(self.names, counts, strict=True)):
@@ -171,15 +164,7 @@ class Presence:
         return cls(reader, alive, np.zeros_like(alive))
 
     def step(self, ended: Bool, present: Sequence[Any]) -> Bool:
-        """Takes a step; returns which agents act next, [N].
-
-        Args:
-            ended: agents with a flag in this step, [N].
-            present: the environment's `agents` after it.
-
-        Raises:
-            SchemaError: an agent is gone without a flag, so that nobody knows why it ended.
-        """
+        """Which agents act next, [N], given those with a flag; SchemaError if one left without."""
         listed = self.reader.alive(present)
         lost = self.alive & ~ended & ~listed
         if lost.any():

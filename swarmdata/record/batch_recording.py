@@ -19,12 +19,7 @@ from swarmdata.types import END_REASONS, Bool, Episode, Float, FloatOrByte, no_m
 
 
 def check_request(path: Path | str, policies: Sequence[str | PolicySource]) -> None:
-    """Checks what can be checked before an environment is touched.
-
-    Raises:
-        BuildError: `path` exists.
-        SpecError: there is not just one policy.
-    """
+    """Checks what can be checked before an environment is touched: the path, and one policy."""
     if not is_vacant(Path(path)):
         raise BuildError(f"{path} exists. Record to another path, or move it away.")
     if len(policies) != 1:
@@ -48,11 +43,6 @@ def record_batches(
         limits: when finished episodes are written.
         play: plays a batch, with seeds that it draws.
         drawn: the seed that was drawn for an episode, from the episode's own.
-
-    Raises:
-        BuildError: another process is recording to `path`, or it holds another recording.
-        SchemaError: an episode has values that are not finite, or actions that are not in their
-            space; the episodes before it are kept.
     """
     folder = RecordingFolder(Path(path), limits)
     spec = recording.spec

@@ -60,15 +60,10 @@ class EpisodeBuffer:
         self.states.append(reached)
 
     def episode(self, outcome: Outcome = None, *, is_cut: bool = False) -> Episode:
-        """Returns the recorded episode.
+        """Returns the recorded episode, given the outcome that the environment reported.
 
-        The team's episode is truncated if any agent was truncated in the last step, because the
-        value of the last state must then be bootstrapped.
-
-        Args:
-            outcome: what the environment reported in the last step.
-            is_cut: whether the episode was left before its end; agents that were alive then count
-                as truncated.
+        It is truncated if any agent was in the last step, because the value of the last state must
+        then be bootstrapped. With `is_cut` it was left early, and truncates the living agents.
         """
         arrays = {**_stacked(self.states), **_stacked(self.steps)}
         if is_cut:

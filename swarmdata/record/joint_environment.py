@@ -13,7 +13,7 @@ SINGLE_AGENT = "agent_0"
 
 
 def as_parallel(env: Any) -> Any:
-    """Returns an environment whose agents act at once: itself if it is one.
+    """The environment, if its agents act at once, or one that does as it does.
 
     Args:
         env: a `ParallelEnv`, an `AECEnv` that is parallelizable, or a Gymnasium environment, which

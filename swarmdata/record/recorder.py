@@ -54,14 +54,7 @@ class EnvironmentReader:
     def state(
         self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool, seen: Bool
     ) -> StateRow:
-        """The state that was reached.
-
-        Args:
-            observations: by agent.
-            infos: by agent.
-            alive: agents that act next, [N].
-            seen: agents that act next or acted in the step before, [N].
-        """
+        """The state that was reached; agents are seen if they act next or acted before, [N]."""
         rows, concatenated = self.reader.observations(observations, seen)
         messages = no_messages(len(alive))
         if self.is_own_task:

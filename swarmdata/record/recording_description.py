@@ -40,11 +40,7 @@ def describe_recording(
     seed: int | None,
     splits: Splits | None,
 ) -> Recording:
-    """Returns the recording; a foreign spec has no states yet, which only a reset shows.
-
-    Raises:
-        SpecError: the environment, the id or the metadata cannot be stored.
-    """
+    """The recording; a foreign spec has no states yet, which only a reset shows."""
     if is_own_task(env):
         unwanted = {"task": task, "options": options, "horizon": horizon}
         if given := [name for name, value in unwanted.items() if value is not None]:
@@ -91,11 +87,7 @@ def make_recording(
     seed: int | None,
     splits: Splits | None,
 ) -> Recording:
-    """Returns the recording of an environment by some policies; the seed may follow from the id.
-
-    Raises:
-        SpecError: the id does not begin with the environment's name, or two policies share a label.
-    """
+    """The recording of an environment by some policies; SpecError if they or the id do not fit."""
     sources = tuple(
         PolicySource.parse({"label": p, "name": "external"}) if isinstance(p, str) else p
         for p in policies
@@ -123,11 +115,7 @@ def make_recording(
 def state_source(
     env: Any, reader: AgentReader, wanted: Literal["auto", "environment", "observations"]
 ) -> tuple[StateSource, int]:
-    """Where states come from, and their size; to be called right after a reset.
-
-    Raises:
-        SchemaError: `state()` is wanted or exists, and fails.
-    """
+    """Where states come from right after a reset, and their size; SchemaError if they fail."""
     if wanted != "observations":
         try:
             return "environment", int(np.asarray(env.state()).size)
@@ -140,11 +128,7 @@ def state_source(
 
 
 def describe_agents(env: Any) -> tuple[RecordedAgent, ...]:
-    """Describes all possible agents of a `ParallelEnv`, in its order.
-
-    Raises:
-        SpecError: there are none, or a space cannot be stored.
-    """
+    """All possible agents of a `ParallelEnv`, in its order; SpecError if they cannot be stored."""
     names = getattr(env, "possible_agents", None)
     if not names:
         raise SpecError(

@@ -33,11 +33,7 @@ class SeedStream:
                 return value
 
     def take(self, seed: int) -> int:
-        """Marks the user's seed as used and returns it.
-
-        Raises:
-            SchemaError: the seed cannot be stored, or is reserved for evaluation.
-        """
+        """Marks the user's seed as used and returns it; SchemaError if it cannot be stored."""
         if not 0 <= seed < EVALUATION_BASE:
             raise SchemaError(
                 f"seed {seed} cannot be recorded: expected 0 to 2**62 - 1; larger seeds are "

@@ -154,16 +154,10 @@ def _robots(
 
 
 def command_of(world: TaskSpec, robot: int, action: Double) -> Double:
-    """Returns the command that a robot's action is, as `envs.physics.dynamics` scales and clips it.
+    """The command [2] that a robot's action [2] is, as `envs.physics.dynamics` scales and clips it.
 
-    Args:
-        world: spec of the task.
-        robot: index of the robot.
-        action: [2].
-
-    Returns:
-        Holonomic: velocity, m/s, or acceleration, m/s^2, in the world's frame. Unicycle: forward
-        speed, m/s, or acceleration, m/s^2, and turn rate, rad/s. [2]
+    Holonomic: velocity, m/s, or acceleration, m/s^2, in the world's frame. Unicycle: forward speed,
+    m/s, or acceleration, m/s^2, and turn rate, rad/s.
     """
     body = world.robots[robot]
     most = body.max_speed if body.command == "velocity" else body.acceleration
@@ -226,11 +220,7 @@ def _twist(x: float, y: float, turn_rate: float) -> dict[str, Any]:
 
 
 class RosMessages:
-    """Serializes messages.
-
-    Raises:
-        MissingExtraError: the extra `logs` is not installed.
-    """
+    """Serializes messages; MissingExtraError without the extra `logs`."""
 
     def __init__(self) -> None:
         for package in ("rosbags", "mcap"):

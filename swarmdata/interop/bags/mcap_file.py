@@ -23,12 +23,7 @@ KEPT_NAMES = {
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
-    """Writes a view as one MCAP file.
-
-    Raises:
-        ConversionError: the data are in another frame than the world's.
-        MissingExtraError: the extra `logs` is not installed.
-    """
+    """Writes a view as one MCAP file."""
     refuse_frame(frame)
     messages = RosMessages()
     from mcap.writer import Writer  # noqa: PLC0415  (an extra)

@@ -17,12 +17,7 @@ METADATA_VERSION = 9  # of metadata.yaml: the newest that `rosbags` writes
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
-    """Writes a view as one bag.
-
-    Raises:
-        ConversionError: the data are in another frame than the world's.
-        MissingExtraError: the extra `logs` is not installed.
-    """
+    """Writes a view as one bag."""
     refuse_frame(frame)
     messages = RosMessages()
     from rosbags.rosbag2 import (  # noqa: PLC0415  (an extra)

@@ -60,12 +60,7 @@ def row_shapes(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], np.dtype[An
 
 
 def time_keys(kept: Mapping[str, Key], after: Callable[[Key], Key]) -> dict[str, Key]:
-    """The keys of arrays over time in a format, with those of states after a step.
-
-    Args:
-        kept: keys of what the format keeps, by our names.
-        after: the key of the states after each step, from that of the states.
-    """
+    """A format's keys of arrays over time; `after` turns that of states into that after a step."""
     keys = {name: kept[name] for name in TIME_ARRAYS if name in kept}
     following = {NEXT_PREFIX + name: after(keys[name]) for name in STATE_ARRAYS if name in keys}
     return keys | following

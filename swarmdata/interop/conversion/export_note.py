@@ -1,7 +1,6 @@
 """ExportNote: the identity, spec and episode table that travel with exported data.
 
-It is stored as text in an attribute or file of the foreign format. An import then reads episode
-boundaries, spaces, splits and policies instead of inferring them.
+An import reads episode boundaries, spaces, splits and policies from it instead of inferring them.
 """
 
 from collections.abc import Iterator
@@ -80,11 +79,10 @@ class ExportNote(Frozen):
 
 
 def note_of(dataset: Dataset, frame: str) -> ExportNote:
-    """Returns the note of an export of a view, whose observations and actions are in a frame.
+    """The note of an export of a view, whose observations and actions are in a frame.
 
     Raises:
-        ConversionError: its rewards are those of a function, which no spec describes: an import
-            would score its returns as those of the task.
+        ConversionError: its rewards are those of a function, which no spec describes.
     """
     table, spec = dataset.episodes, dataset.spec
     if isinstance(dataset.reweighting, Relabeling):
@@ -122,11 +120,7 @@ def read_note(folder: Path) -> ExportNote | None:
 
 
 def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
-    """Reads a note.
-
-    Raises:
-        ConversionError: the note is damaged, or of data in another frame than the world's.
-    """
+    """Reads a note; ConversionError if it is damaged, or of another frame than the world's."""
     try:
         note = ExportNote.parse(parse_json(text, str(source)), str(source))
     except SpecError as error:
@@ -144,7 +138,7 @@ def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
 def import_with_note(
     note: ExportNote, read: ReadRows, n_rows: int, source: str, layouts: Float | None = None
 ) -> ImportedData:
-    """Imports data that this library exported.
+    """Imports data that this library exported; ConversionError if rows do not fit the note.
 
     Args:
         note: note of the export.
@@ -152,9 +146,6 @@ def import_with_note(
         n_rows: number of rows.
         source: name for errors.
         layouts: obstacles of each episode, [n, M, 8], if they were kept.
-
-    Raises:
-        ConversionError: the rows do not fit the note; flags are checked when an episode is taken.
     """
     lengths = note.episodes.lengths
     if sum(lengths) != n_rows:

@@ -82,11 +82,7 @@ class Span:
 
 
 def find_spans(timelines: Sequence[Timeline], choices: Choices) -> list[list[Span]]:
-    """Finds the episodes of each timeline, by its flags and the user's choices.
-
-    Raises:
-        ConversionError: the data do not tell where episodes end, or why.
-    """
+    """The episodes of each timeline; ConversionError if the data do not tell where they end."""
     found = [_spans(timeline, choices) for timeline in timelines]
     _refuse_hidden_limit(timelines, found, choices)
     found = [_kept(*each, choices) for each in zip(timelines, found, strict=True)]
@@ -146,10 +142,7 @@ def _kept(timeline: Timeline, spans: Sequence[Span], choices: Choices) -> list[S
 
 
 def agent_ends(timeline: Timeline, span: Span) -> tuple[Bool, Bool]:
-    """In which steps of an episode agents were terminated and truncated, [T, N] each.
-
-    Whoever has no flag when the episode ends was truncated then.
-    """
+    """In which steps of an episode agents were terminated and truncated, at the last by its end."""
     window = slice(span.start, span.stop)
     gone = np.logical_or.accumulate(timeline.flags[window], axis=0)
     first = gone.copy()
@@ -221,11 +214,7 @@ def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
 def _refuse_hidden_limit(
     timelines: Sequence[Timeline], found: Sequence[Sequence[Span]], choices: Choices
 ) -> None:
-    """Refuses data in which a time limit was probably stored as a termination.
-
-    OMAR's particle data and OG-MARL's older wrappers store it so; a learner would then assume a
-    value of zero after the limit.
-    """
+    """Refuses time limits stored as terminations, as in OMAR's particle data and old OG-MARL."""
     if choices.time_limit is not None or choices.episode_length is not None:
         return
     spans = [span for each in found for span in each]
@@ -264,17 +253,9 @@ def join_states(
 ) -> dict[str, NDArray[Any]]:
     """Joins states before and after each of the n steps of an episode, to n + 1 rows.
 
-    Where those after steps are unknown, the last one is that of a further row, or repeated.
-
-    Args:
-        rows: of the steps, and maybe a further one.
-        n: number of steps.
-        source: name of the source, for the error.
-        start: number of the episode's first row in it, likewise.
-        advice: last sentence of the error.
-
-    Raises:
-        ConversionError: a state after a step differs from the state before the next one.
+    Where those after steps are unknown, the last one is that of a further row, or repeated. Where
+    they differ from those before the next step, a ConversionError ends with `advice`; `start` is
+    the number of the episode's first row in the source.
     """
     whole = {}
     for name, values in rows.items():
@@ -298,9 +279,7 @@ def join_states(
 
 
 class BlockReader:
-    """A `ReadRows` that reads many rows at once and serves small slices from them.
-
-    Slices should come in increasing order; other orders work but are slow.
+    """A `ReadRows` that reads many rows at once and serves small slices, in increasing order.
 
     Args:
         read: reads some rows.
@@ -335,9 +314,7 @@ def import_without_note(
     policies: tuple[PolicySource, ...] | None = None,
     unread: Sequence[str] = (),
 ) -> ImportedData:
-    """Imports data that this library did not write.
-
-    Such data have no seeds, so the episodes' numbers take their place.
+    """Imports data that this library did not write, which have episodes' numbers for seeds.
 
     Args:
         task: name of the environment.

@@ -42,12 +42,7 @@ class AgentShapes:
 
 
 def spec_from_shapes(task: str, shapes: AgentShapes, choices: Choices) -> RecordedSpec:
-    """The spec of an environment of which only data exist.
-
-    Raises:
-        ConversionError: the number of names differs from the number of agents.
-        SpecError: a recording cannot have such a name or size.
-    """
+    """The spec of an environment of which only data exist."""
     n = len(shapes.observations)
     names = choices.agents or tuple(f"agent_{k}" for k in range(n))
     if len(names) != n:
@@ -91,8 +86,8 @@ def build_episode(
         rows: at least observations [T+1, N, O], actions [T, N, A] and rewards [T, N].
         seed: seed of the episode.
         policy: index into the policies.
-        end: `termination` or `truncation`, or the code of the end reason. The team's flags are in
-            `rows`, or follow from it.
+        end: `termination` or `truncation`, or the code of the end reason; it gives the team's
+            flags where `rows` has none.
         layout: obstacles, [M, 8].
     """
     n, n_agents = rows["rewards"].shape

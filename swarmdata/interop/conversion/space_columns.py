@@ -1,7 +1,4 @@
-"""Converts rows of numbers to values of a space, for whole episodes: leaves keep the time axis.
-
-`spaces.flatten` is the way back.
-"""
+"""Rows of numbers as values of a space, for whole episodes; `spaces.flatten` is the way back."""
 
 from itertools import accumulate
 from typing import Any

@@ -29,11 +29,7 @@ class Choices:
     agents: tuple[str, ...] | None = None  # names, in order; by default `agent_0`, `agent_1`, ...
 
     def __post_init__(self) -> None:
-        """Checks the ranges.
-
-        Raises:
-            ConversionError: a number is out of range, or two answers contradict each other.
-        """
+        """Checks the ranges."""
         problems = []
         if self.time_limit is not None and self.time_limit < 0:
             problems.append(f"time_limit is {self.time_limit}, expected 0 (none) or more")
@@ -58,11 +54,7 @@ class Choices:
 
     @classmethod
     def of(cls, *, agents: str | None = None, **answers: Any) -> "Choices":
-        """Choices from the command line, where agents are a number or names separated by commas.
-
-        Raises:
-            ConversionError: an answer is out of range.
-        """
+        """Choices from the command line, where agents are a number or names separated by commas."""
         n_agents, names = None, None
         if agents is not None and agents.isdecimal():
             n_agents = int(agents)
@@ -78,11 +70,7 @@ class Choices:
 
 
 def absolute_path(path: Path | str) -> Path:
-    """Returns the absolute path that is meant; `~` is a home folder.
-
-    Raises:
-        ConversionError: it begins with `~NAME`, and there is no such user.
-    """
+    """The absolute path that is meant; `~` is a home folder, `~NAME` that of a known user."""
     try:
         return Path(path).expanduser().absolute()
     except RuntimeError as error:  # pathlib's, for a user without a home folder

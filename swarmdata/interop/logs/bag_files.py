@@ -1,7 +1,6 @@
 """Messages of bags as bytes: MCAP, SQLite files and rosbag2 folders of ROS 2, and bags of ROS 1.
 
-Every checksum of a format is checked, and only topics that are asked for leave this module: what
-other channels hold, and in which encoding, does not matter.
+Every checksum of a format is checked, and only topics that are asked for leave this module.
 """
 
 import os
@@ -53,12 +52,7 @@ class RawMessage(NamedTuple):
 
 
 def raw_messages(path: Path, topics: Collection[str], known: set[str]) -> Iterator[RawMessage]:
-    """Yields the messages of some topics, in the order in which they were stored.
-
-    Raises:
-        ConversionError: the bag is damaged, incomplete, or of an unknown kind.
-        FileKindError: a file is no regular file.
-    """
+    """Yields the messages of some topics as they were stored; `known` gets the names of all."""
     if not path.is_dir():
         yield from _of_file(path, ForeignFile(path, _HINTS.get(path.suffix, "")), topics, known)
         return

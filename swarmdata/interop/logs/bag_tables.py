@@ -198,11 +198,7 @@ def _short_names(cells: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _transforms(path: Path, messages: Iterable[Any]) -> Iterator[StaticTransform]:
-    """The static transforms of messages of the type tf2_msgs/TFMessage.
-
-    Those that are tilted out of the plane, or have a quaternion of zeros, are left out; poses in
-    such a frame are refused.
-    """
+    """The static transforms of TFMessages, without those that are tilted out of the plane."""
     for message in messages:
         for each in message.transforms:
             place, turn = each.transform.translation, each.transform.rotation
@@ -228,11 +224,7 @@ _IDL_RULE = "=" * 80 + "\n"
 
 
 def decoded(message: RawMessage) -> Any:
-    """The content of a message: an instance of its class, or mappings, lists and values of JSON.
-
-    Raises:
-        ConversionError: the message is damaged, or its encoding or type is not known.
-    """
+    """The content of a message: an instance of its class, or mappings, lists and values of JSON."""
     channel, source = message.channel, message.source
     if channel.encoding not in ("json", "cdr", "ros1"):
         raise ConversionError(

@@ -1,13 +1,8 @@
 """Offsets of the clocks of commands, estimated by the motion that follows them.
 
-Commands that a robot logged itself and poses of motion capture have different clocks. Shifted by
-the right offset, the commands explain the measured motion best. Where poses have one clock for all
-robots, this also gives the offsets between the robots' clocks. A robot's reaction time cannot be
-told from its clock: it is part of the offset.
-
 The score of an offset is the squared correlation of the mean command with the mean motion over half
 steps, averaged over what is commanded. Its maximum is refined by a parabola, and its standard error
-is that of the maxima of eight parts of the log.
+is that of the maxima of eight parts of the log. A robot's reaction time is part of its offset.
 """
 
 from collections.abc import Sequence
@@ -39,14 +34,7 @@ N_PARTS = 8
 def align_commands(
     signals: Sequence[RobotSignals], log_map: LogMap, known: Sequence[EstimatedClock] | None = None
 ) -> tuple[list[RobotSignals], tuple[EstimatedClock, ...]]:
-    """Shifts commands whose clock offset the map asks to estimate, unless it is known.
-
-    Returns:
-        the signals, and the offsets.
-
-    Raises:
-        ConversionError: the data do not determine an offset.
-    """
+    """Shifts commands by the clock offsets that the map asks to estimate, or that are known."""
     found, clocks = [], []
     taken = {clock.robot: clock for clock in known or ()}
     for each in signals:
@@ -61,11 +49,7 @@ def align_commands(
 
 
 def estimate_offset(signals: RobotSignals, log_map: LogMap) -> EstimatedClock:
-    """Estimates by how much a robot's commands have to be shifted.
-
-    Raises:
-        ConversionError: the data do not determine it.
-    """
+    """By how much a robot's commands have to be shifted; ConversionError if the data do not say."""
     fit = _Fit.of(signals, log_map)
     name, search, dt = signals.robot.name, log_map.clock_search, log_map.dt
     what = f"the clock offset of the commands of {name} is not determined: "

@@ -1,7 +1,7 @@
 """Cuts the grid of a log into episodes, and makes the episodes of robots' tracks.
 
-An episode of T steps has T + 1 states, and no two episodes share a state. The last state is one
-that was observed: the command that was given in it is left out.
+An episode of T steps has T + 1 states, and no two episodes share a state. In the last state, which
+was observed, the command is left out.
 """
 
 from collections.abc import Sequence
@@ -44,16 +44,13 @@ def acting_robots(tracks: Sequence[RobotTrack]) -> Bool:
 def find_windows(
     tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
 ) -> tuple[list[Window], int]:
-    """Finds the episodes.
+    """Finds the episodes, and counts the steps in those that were too short.
 
     Args:
         tracks: of all robots, on the grid.
         marker: the map's column of markers, if it has one.
         grid: [K] ns.
         log_map: how to cut.
-
-    Returns:
-        the episodes, and the number of steps in those that were too short.
     """
     acting = acting_robots(tracks)
     goes_on: Bool = np.asarray(acting.any(axis=1) if log_map.gaps == "mask" else acting.all(axis=1))
@@ -121,11 +118,7 @@ def make_episodes(
     windows: Sequence[Window],
     states: Literal["observations", "poses"] = "observations",
 ) -> tuple[list[Episode], int]:
-    """Makes the episodes of tracks; robots with gaps are absent if any episode has such.
-
-    Returns:
-        the episodes, and the number of steps in which robots are absent, of each robot.
-    """
+    """The episodes, and how many robot-steps are absent: none unless a robot has a gap."""
     everywhere = acting_robots(tracks)
     n_absent = sum(int((~everywhere[w.start : w.stop]).sum()) for w in windows)
     episodes = []

@@ -43,10 +43,7 @@ Cells = Sequence[str] | NDArray[Any] | RaggedColumn
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogTable:
-    """Rows of one table, or messages of one topic.
-
-    Whatever reads a column raises ConversionError if it is absent, or holds something else.
-    """
+    """Rows of a table, or messages of a topic; ConversionError if a column is not as wanted."""
 
     name: str  # file or topic, for errors
     cells: Mapping[str, Cells]
@@ -115,10 +112,7 @@ class LogTable:
         return [str(cell) for cell in (cells.rows if isinstance(cells, RaggedColumn) else cells)]
 
     def rows_with(self, name: str, value: str | int, *, may_lack: bool = False) -> Bool:
-        """Which rows have a value in a column, [n]; none may lack it unless `may_lack`.
-
-        Numbers are compared as numbers.
-        """
+        """Which rows have a value in a column, [n]; none only if it `may_lack`."""
         cells = self.texts(name)
         same = {text: _is_same(text, value) for text in dict.fromkeys(cells)}
         if not may_lack and not any(same.values()):
@@ -182,12 +176,7 @@ def _is_same(text: str, value: str | int) -> bool:
 
 
 def read_table(path: Path, forms: Mapping[str, TableForm]) -> LogTable:
-    """Reads a Parquet file, or a text table as the form for its name says.
-
-    Raises:
-        ConversionError: it is no such table, or has no rows.
-        MissingExtraError: a Parquet file needs pyarrow.
-    """
+    """Reads a Parquet file, or a text table as the form for its name says."""
     if path.suffix in PARQUET_SUFFIXES:
         cells, units = _parquet_columns(path)
         table = LogTable(path.name, cells, units)

@@ -55,13 +55,7 @@ class RobotSignals:
 
 
 class SignalReader:
-    """Reads signals of open logs.
-
-    Args:
-        logs: the logs.
-        frames: the static transforms.
-        max_gap: s, of the map: time that runs back farther is refused.
-    """
+    """Reads signals of open logs; time may run back by `max_gap` s."""
 
     def __init__(self, logs: OpenLogs, frames: PlanarFrames, max_gap: float) -> None:
         self._logs, self._frames, self._max_gap = logs, frames, max_gap
@@ -69,11 +63,7 @@ class SignalReader:
         self.counts: Counter[str] = Counter()
 
     def robot(self, robot: LoggedRobot) -> RobotSignals:
-        """Reads everything that a map says of a robot.
-
-        Raises:
-            ConversionError: a column is absent, is no number, or has another unit.
-        """
+        """Everything that a map says of a robot; ConversionError for a wrong column or unit."""
         positions, headings = self._poses(robot, robot.pose)
         is_logged = not robot.command.differences
         return RobotSignals(
@@ -145,10 +135,7 @@ class SignalReader:
     def _samples(
         self, rows: "_Rows", columns: Iterable[NDArray[Any]], *, is_kept_twice: bool = False
     ) -> Samples:
-        """The rows in the order of time, without those that have no value.
-
-        Of rows with the same time the last is taken; rewards are added up.
-        """
+        """Rows with values by time; of those at the same time the last, or of rewards the sum."""
         values: Double = np.concatenate([_two(column) for column in columns], axis=1)
         times = rows.times()
         if (np.abs(values) > np.finfo(np.float32).max).any():
@@ -305,10 +292,6 @@ def clean_scans(
 
     Returns:
         [n, sectors], or [n, B] where the map names no sectors.
-
-    Raises:
-        ConversionError: scans differ in their beams and the map names no sectors, there are fewer
-            beams than sectors, or beams are outside the field of view.
     """
     sizes = {len(row) for row in rows if len(row)}
     if not sizes:

@@ -46,11 +46,7 @@ class RobotTrack:
 
 
 def with_bounds(signals: Sequence[RobotSignals]) -> list[RobotSignals]:
-    """Gives components without bounds the least and greatest values that any robot logged.
-
-    Raises:
-        ConversionError: all values are the same.
-    """
+    """Gives components without bounds the least and greatest values that any robot logged."""
     logged: dict[str, list[Double]] = {}
     for each in signals:
         if each.commands is not None:
@@ -81,11 +77,7 @@ def with_bounds(signals: Sequence[RobotSignals]) -> list[RobotSignals]:
 
 
 def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
-    """Resamples one robot.
-
-    Raises:
-        ConversionError: a command is outside its bounds, and the map does not say `clip`.
-    """
+    """Resamples one robot; ConversionError for a command outside bounds that do not clip."""
     robot, K = signals.robot, len(grid)
     gap = _gap(robot.pose, log_map)
     positions, is_placed = interpolate(signals.positions, grid, gap)
@@ -221,11 +213,7 @@ def _agent(signals: RobotSignals, spaces: dict[str, Space]) -> RecordedAgent:
 
 
 def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
-    """First and last time at which a pose of any robot was logged, ns.
-
-    Raises:
-        ConversionError: a robot has no poses.
-    """
+    """First and last time at which a pose of any robot was logged, ns; each robot has some."""
     for each in tracks:
         if not len(each.positions.times):
             raise ConversionError(

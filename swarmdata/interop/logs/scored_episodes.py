@@ -1,10 +1,8 @@
 """Episodes of a task from logs: observed, rewarded and ended by the task's own functions.
 
-States need the poses of all robots, their goals and the obstacles. What the logs and the map do not
-say is refused, not guessed. Velocities are differences to the pose one step earlier, so the first
-pose of an episode is left out: it only gives the velocity of the second. The robots go where they
-were logged, whatever their commands; contacts are found from positions by the rules of the
-simulated worlds, after every physics step.
+What the logs and the map do not say of poses, goals and obstacles is refused, not guessed. The
+first pose of an episode only gives the velocity of the second, as the difference. Robots go where
+they were logged, and contacts are found from positions after every physics step.
 """
 
 from collections import Counter
@@ -59,11 +57,7 @@ LONGEST_ACTION = 1.0 + 1e-4
 
 
 def check_task(spec: TaskSpec | None, log_map: LogMap) -> None:
-    """Checks that the logs of a map can have what a task needs, and need no task without one.
-
-    Raises:
-        SpecError: something that the task needs cannot be known, or would be left out.
-    """
+    """SpecError unless logs of a map can have what a task needs, and need no task without one."""
     if spec is None:
         if log_map.episodes.goals == "reached":
             raise SpecError("episodes.goals: reached is for a task that scores the logs, --task")
@@ -124,11 +118,7 @@ def _robot_problems(robot: LoggedRobot, kind: Robot) -> Iterator[str]:
 
 
 def layout_of(spec: TaskSpec, log_map: LogMap) -> Float:
-    """The obstacles, in the order of the task's shapes, [M, 8].
-
-    Raises:
-        SpecError: the map has other obstacles than the task.
-    """
+    """The obstacles, in the order of the task's shapes, [M, 8]; SpecError for other obstacles."""
     task = make_task(spec)
     rows = [
         (
@@ -222,10 +212,7 @@ def score_episodes(
     grid: Int,
     windows: Sequence[Window],
 ) -> tuple[list[Episode], Counter[str]]:
-    """Makes an episode of each window that is long enough.
-
-    Returns:
-        the episodes, and the steps that were left out, by why.
+    """Makes an episode of each window that is long enough; counts the steps left out, by why.
 
     Raises:
         SpecError: the map has other obstacles than the task.

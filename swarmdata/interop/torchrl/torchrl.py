@@ -200,11 +200,7 @@ def replay_buffer(
 
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens the folder of a memory-mapped TensorDict, or one written by a replay buffer's `dumps`.
-
-    Raises:
-        ConversionError: it is no such folder, lacks keys, or is ambiguous.
-    """
+    """Opens the folder of a memory-mapped TensorDict, or one of a replay buffer's `dumps`."""
     rows = _load(source)
     if (note := read_note(source)) is not None:
         yield _read_exported(rows, source, note)
@@ -320,13 +316,5 @@ def load_replay_buffer(
     keys: Sequence[Key | str] | None = None,
     **options: Any,
 ) -> Any:
-    """Loads a dataset as a TorchRL replay buffer of its train split.
-
-    Args:
-        dataset_id: as of `swarmdata.load`.
-        batch_size: number of transitions of a sample.
-        slice_length: consecutive steps of one episode; None: single transitions.
-        keys: to sample; None: all.
-        **options: of `swarmdata.load`.
-    """
+    """Loads the train split of `swarmdata.load(dataset_id, **options)` as `replay_buffer`."""
     return replay_buffer(load(dataset_id, **options).split("train"), batch_size, slice_length, keys)

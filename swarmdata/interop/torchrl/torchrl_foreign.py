@@ -41,11 +41,7 @@ class _Group:
 
 
 def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> ImportedData:
-    """Imports transitions [n] or [B, T] that this library did not write.
-
-    Raises:
-        ConversionError: keys are missing, or ends are ambiguous.
-    """
+    """Imports transitions [n] or [B, T] that this library did not write."""
     if rows.batch_dims == 2:
         rows = rows.reshape(-1) if _TRAJECTORY_KEY in leaf_keys(rows) else _with_rows(rows)
     if rows.batch_dims != 1:
