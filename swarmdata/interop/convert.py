@@ -16,7 +16,7 @@ from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.foreign_file import check_plain
 from swarmdata.interop.conversion.user_choices import Choices, absolute_path
-from swarmdata.interop.formats import FORMATS, Reader, find_format
+from swarmdata.interop.formats import Reader, all_formats, find_format
 from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
@@ -108,7 +108,7 @@ def import_dataset(
 def _reader_of(format: str) -> Reader:
     found = find_format(format)
     if found.read is None:
-        known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
+        known = [each.name for each in all_formats() if each.read is not None]
         raise ConversionError(
             f"{found.title} can only be written, got format={format!r}. Formats to read: "
             f"{', '.join(known)}."

@@ -69,18 +69,11 @@ def in_frame(dataset: Dataset, anchor: str) -> Dataset:
         return dataset
     stored, arrays = dataset.stored, dataset.stored.arrays
     shape, kept = arrays["observations"].shape, arrays["actions"]
-    new = new_arrays(
-        {
-            "observations": ((*shape[:-1], shape[-1] + frame.n_added), np.dtype(np.float32)),
-            "actions": (kept.shape, kept.dtype),
-        }
-    )
+    wider = ((*shape[:-1], shape[-1] + frame.n_added), np.dtype(np.float32))
+    new = new_arrays({"observations": wider, "actions": (kept.shape, kept.dtype)})
     everything = np.arange(len(stored.table))
     turned = replace(dataset, stored=replace(stored, arrays={**arrays, **new}))
-    recorded, written = (
-        replace(dataset, selection=everything),
-        replace(turned, selection=everything),
-    )
+    recorded, written = (replace(each, selection=everything) for each in (dataset, turned))
     chosen = np.isin(everything, dataset.selection).tolist()
     reads = MappedReads((arrays["observations"], kept, *new.values()))
     for source, target, is_chosen in zip(recorded, written, chosen, strict=True):

@@ -17,9 +17,13 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.hub.publishing.metadata.episode_parquet import arrow
-from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, NOTED_FACTS, Arrays
+from swarmdata.interop.conversion.dataset_facts import (
+    DATASET_FACTS,
+    NOTED_FACTS,
+    Arrays,
+    recorded_agents,
+)
 from swarmdata.interop.conversion.export_note import NOTE_FILE, write_note
-from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
 from swarmdata.interop.parquet import list_column
 from swarmdata.perception.observer import features_of
@@ -34,8 +38,7 @@ LAYOUT_VERSION = "v3.0"
 FILE_BYTES = 100 << 20
 """A file of frames holds at most about so many bytes of numbers, as LeRobot's own."""
 
-CHUNK_FILES = 1000
-"""Files in a folder, likewise."""
+CHUNK_FILES = 1000  # files in a folder, likewise
 
 KEPT_NAMES = {
     "observations": "observation.state, without the last",
@@ -191,12 +194,9 @@ def _total(rows: list[dict[str, Any]]) -> dict[str, dict[str, list[float]]]:
 
 def _info(dataset: Dataset, fps: int) -> dict[str, Any]:
     lengths, splits = dataset.episodes.lengths, dataset.episodes.split
-    ranges = {
-        name: f"{first}:{first + count}"
-        for code, name in enumerate(SPLITS)
-        if (count := int((splits == code).sum()))
-        for first in [int((splits < code).sum())]
-    }
+    ends = np.cumsum(np.bincount(splits, minlength=len(SPLITS))).tolist()
+    bounds = zip(SPLITS, [0, *ends], ends, strict=False)
+    ranges = {name: f"{first}:{stop}" for name, first, stop in bounds if first < stop}
     return {
         "codebase_version": LAYOUT_VERSION,
         "robot_type": "swarmdata",

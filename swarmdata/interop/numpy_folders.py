@@ -26,6 +26,7 @@ from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     NOTED_FACTS,
     Arrays,
+    recorded_agents,
     step_blocks,
 )
 from swarmdata.interop.conversion.export_note import (
@@ -46,7 +47,6 @@ from swarmdata.interop.conversion.foreign_rows import (
     share_choices,
 )
 from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
-from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.specs.origins import RecordedAgent
@@ -181,14 +181,9 @@ def _agents(folder: Path, n_agents: int) -> Agents:
     has_states = (folder / "states_0.npy").exists()
     names = (*_REQUIRED_PREFIXES, *(_STATE_PREFIXES if has_states else ()))
     agents = [
-        {name: _map_array(folder / f"{name}_{agent}.npy") for name in names}
-        for agent in range(n_agents)
+        {name: _map_array(folder / f"{name}_{k}.npy") for name in names} for k in range(n_agents)
     ]
-    rows = {
-        f"{name}_{k}": len(values)
-        for k, agent in enumerate(agents)
-        for name, values in agent.items()
-    }
+    rows = {f"{name}_{k}": len(each[name]) for k, each in enumerate(agents) for name in names}
     check_lengths(rows, str(folder))
     return agents
 

@@ -178,13 +178,9 @@ def read_foreign_file(path: Path, task: str, choices: Choices) -> ImportedData:
         for name in ("terminations", "truncations")
         if name in names
     }
-    timeline = Timeline(
-        str(path),
-        flags["terminations"],
-        flags.get("truncations"),
-        table.reader(sorted(names - set(flags))),
-        "next_observations" in names,
-    )
+    terminals, truncations = flags["terminations"], flags.get("truncations")
+    reader, has_next = table.reader(sorted(names - set(flags))), "next_observations" in names
+    timeline = Timeline(str(path), terminals, truncations, reader, has_next)
     unread = sorted(set(table.names) - names)
     return import_without_note(task, shapes, [timeline], choices, unread=unread)
 

@@ -190,8 +190,8 @@ def _open(source: Path, name: str) -> Any:
 
 
 def _row_bytes(leaves: Mapping[str, Any]) -> int:
-    return int(sum(np.prod(leaf.shape[2:]) * leaf.dtype.numpy_dtype.itemsize
-                   for leaf in leaves.values()))  # fmt: skip
+    sizes = (np.prod(leaf.shape[2:]) * leaf.dtype.numpy_dtype.itemsize for leaf in leaves.values())
+    return int(sum(sizes))
 
 
 def _rows(

@@ -28,8 +28,7 @@ from swarmdata.types import Bool, Float, FloatOrByte
 ACTION_MASK_KEY = "action_mask"
 """Key of the action mask in an agent's info or observation (PettingZoo, "Action Masking")."""
 
-SUCCESS_KEYS = ("success", "is_success")
-"""Keys of infos that tell whether the task was solved."""
+SUCCESS_KEYS = ("success", "is_success")  # keys of infos that tell whether the task was solved
 
 
 @dataclass(frozen=True)

@@ -57,10 +57,8 @@ def record_batches(
             while (missing := n_episodes - folder.n_episodes) > 0:
                 for episode in play(seeds)[:missing]:
                     check_episode(episode)
-                    acting = np.ones(episode.rewards.shape, np.bool_)
-                    if episode.alive is not None:
-                        acting = episode.alive[:-1]
-                    allowed.check(episode.actions, acting, spec.agent_names)
+                    assert episode.alive is not None  # `played_episode` sets it
+                    allowed.check(episode.actions, episode.alive[:-1], spec.agent_names)
                     folder.add(episode)
                     bar.update()
         return folder.finish()

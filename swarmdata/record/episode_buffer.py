@@ -51,13 +51,7 @@ class EpisodeBuffer:
     steps: list[StepRow] = field(default_factory=list)  # T rows
 
     def __len__(self) -> int:
-        """Steps taken, T."""
         return len(self.steps)
-
-    def add(self, step: StepRow, reached: StateRow) -> None:
-        """Appends a step and the state that it reached."""
-        self.steps.append(step)
-        self.states.append(reached)
 
     def episode(self, outcome: Outcome = None, *, is_cut: bool = False) -> Episode:
         """Returns the recorded episode, given the outcome that the environment reported.
@@ -71,9 +65,8 @@ class EpisodeBuffer:
             arrays["alive"][-1] = False
         is_truncated = bool(arrays["agent_truncations"][-1].any())
         at_end = np.arange(len(self)) == len(self) - 1
-        end_reason = "horizon" if is_truncated else outcome or "ended"
-        if outcome == "success":
-            end_reason = "success"
+        unsolved = "horizon" if is_truncated else outcome or "ended"
+        end_reason = "success" if outcome == "success" else unsolved
         return Episode(
             **arrays,
             terminations=at_end & (not is_truncated),

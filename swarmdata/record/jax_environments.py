@@ -96,10 +96,10 @@ def record_jax(
     player = _Player(world, policy, horizon)
     first = SeedStream(seed, set())
     player.find_horizon([first.draw() for _ in range(n_copies)])
-    library, columns = library_of(env), player.state_columns()
+    (library, version), columns = library_of(env), player.state_columns()
     spec = foreign_spec(
-        world.agents, task or clean_name(type(env).__name__), *library,
-        {**(options or {}), "state": columns}, player.horizon,
+        task or clean_name(type(env).__name__), {**(options or {}), "state": columns},
+        agents=world.agents, library=library, version=version, horizon=player.horizon,
         state_size=sum(map(math.prod, columns.values())), state_from="environment",
     )  # fmt: skip
     recording = make_recording(spec, id, policies, metadata, seed, splits)

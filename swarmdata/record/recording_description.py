@@ -29,53 +29,27 @@ def is_own_task(env: Any) -> bool:
     return isinstance(env, ParallelWorld)
 
 
-def describe_recording(
-    env: Any,
-    id: str,
-    policies: Sequence[str | PolicySource],
-    task: str | None,
-    options: Mapping[str, Any] | None,
-    horizon: int | None,
-    metadata: Mapping[str, str] | None,
-    seed: int | None,
-    splits: Splits | None,
-) -> Recording:
-    """The recording; a foreign spec has no states yet, which only a reset shows."""
+def describe_environment(
+    env: Any, task: str | None, options: Mapping[str, Any] | None, horizon: int | None
+) -> TaskSpec | RecordedSpec:
+    """The spec of an environment; a foreign one has no states yet, which only a reset shows."""
     if is_own_task(env):
         unwanted = {"task": task, "options": options, "horizon": horizon}
         if given := [name for name, value in unwanted.items() if value is not None]:
             raise SpecError(f"the spec of {env.spec.task} already has {given}; leave them out")
-        spec: TaskSpec | RecordedSpec = env.spec
-    else:
-        library, version = library_of(env)
-        spec = foreign_spec(
-            describe_agents(env), task or task_name(env), library, version, options,
-            horizon or horizon_of(env),
-        )  # fmt: skip
-    return make_recording(spec, id, policies, metadata, seed, splits)
+        spec: TaskSpec = env.spec
+        return spec
+    library, version = library_of(env)
+    return foreign_spec(
+        task or task_name(env), options, agents=describe_agents(env), library=library,
+        version=version, horizon=horizon or horizon_of(env),
+    )  # fmt: skip
 
 
-def foreign_spec(
-    agents: Sequence[RecordedAgent],
-    task: str,
-    library: str,
-    version: str,
-    options: Mapping[str, Any] | None,
-    horizon: int | None,
-    state_size: int = 0,
-    state_from: StateSource = "observations",
-) -> RecordedSpec:
-    """The spec of a foreign environment; a size of 0 is that of states before the first reset."""
-    content = {
-        "task": task,
-        "library": library,
-        "version": version,
-        "options": dict(options or {}),
-        "agents": tuple(agents),
-        "state_size": state_size,
-        "state_from": state_from,
-        "horizon": horizon,
-    }
+def foreign_spec(task: str, options: Mapping[str, Any] | None, **facts: Any) -> RecordedSpec:
+    """The spec of a foreign environment; without facts, states are those before the first reset."""
+    states = {"state_size": 0, "state_from": "observations"}
+    content = {"task": task, "options": dict(options or {}), **states, **facts}
     return RecordedSpec.parse(content, f"the recording of {task}")
 
 

@@ -9,8 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE, STREAMS, derive
 from swarmdata.types import Seeds
 
-DRAWN_BITS = 31
-"""Bits of drawn seeds; many environments accept at most 32 bits."""
+DRAWN_BITS = 31  # bits of drawn seeds; many environments accept at most 32 bits
 
 _RESET_STREAM = STREAMS["reset"]
 

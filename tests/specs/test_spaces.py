@@ -5,6 +5,7 @@ import pytest
 from gymnasium.spaces import MultiDiscrete, Text
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.interop.conversion.test_space_columns import Spaces
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.specs.spaces import (
@@ -22,7 +23,6 @@ from swarmdata.specs.spaces import (
     unflatten,
     width,
 )
-from tests.interop.conversion.test_space_columns import Spaces
 
 leaves = st.one_of(
     st.builds(

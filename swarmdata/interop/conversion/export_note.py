@@ -68,14 +68,9 @@ class ExportNote(Frozen):
 
     def episode(self, k: int, rows: Arrays, layout: Float | None) -> Episode:
         """Episode k, of its arrays."""
-        table = self.episodes
-        return build_episode(
-            rows,
-            seed=table.seeds[k],
-            policy=table.policy[k],
-            end=table.end_reason[k],
-            layout=layout,
-        )
+        seed, policy = self.episodes.seeds[k], self.episodes.policy[k]
+        end = self.episodes.end_reason[k]
+        return build_episode(rows, seed=seed, policy=policy, end=end, layout=layout)
 
 
 def note_of(dataset: Dataset, frame: str) -> ExportNote:
@@ -98,11 +93,7 @@ def note_of(dataset: Dataset, frame: str) -> ExportNote:
         spec=spec,
         policies=dataset.recipe.policies,
         episodes=EpisodeColumns(
-            lengths=tuple(table.lengths.tolist()),
-            seeds=tuple(table.seeds.tolist()),
-            policy=tuple(table.policy.tolist()),
-            split=tuple(table.split.tolist()),
-            end_reason=tuple(table.end_reason.tolist()),
+            **{name: tuple(getattr(table, name).tolist()) for name in EpisodeColumns.model_fields}
         ),
         frame=frame,
     )

@@ -23,14 +23,14 @@ from swarmdata.interop.conversion.imported_data import (
     AgentShapes,
     ImportedData,
     build_episode,
+    leaving,
     spec_from_shapes,
 )
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Bool, Episode
 
-MOST_UNREAD = 20
-"""Arrays without a place that a card names."""
+MOST_UNREAD = 20  # arrays without a place that a card names
 
 ReadRows = Callable[[slice], Arrays]
 """Reads a slice of rows, by the names of an episode's fields, as `admit_rows` takes them.
@@ -57,7 +57,6 @@ class Timeline:
     has_next: bool  # whether `read` gives the observations after each step
 
     def __len__(self) -> int:
-        """Number of steps."""
         return len(self.terminals)
 
     @cached_property
@@ -77,7 +76,6 @@ class Span:
     is_cut: bool = False  # the row after the last is of this episode, too
 
     def __len__(self) -> int:
-        """Number of steps."""
         return self.stop - self.start
 
 
@@ -85,11 +83,7 @@ def find_spans(timelines: Sequence[Timeline], choices: Choices) -> list[list[Spa
     """The episodes of each timeline; ConversionError if the data do not tell where they end."""
     found = [_spans(timeline, choices) for timeline in timelines]
     _refuse_hidden_limit(timelines, found, choices)
-    found = [_kept(*each, choices) for each in zip(timelines, found, strict=True)]
-    for timeline, spans in zip(timelines, found, strict=True):
-        if not spans:
-            raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
-    return found
+    return [_kept(*each, choices) for each in zip(timelines, found, strict=True)]
 
 
 def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
@@ -125,20 +119,24 @@ def _span(timeline: Timeline, start: int, stop: int, choices: Choices) -> Span:
 
 
 def _kept(timeline: Timeline, spans: Sequence[Span], choices: Choices) -> list[Span]:
-    """The episodes whose last observation is known or may be made up."""
-    if timeline.has_next or choices.final == "repeat":
-        return list(spans)
-    if choices.final is None:
+    """The episodes whose last observation is known or may be made up; there has to be one."""
+    if not timeline.has_next and choices.final is None:
         raise ConversionError(
             f"{timeline.name} lacks the observation after the last action of each episode. "
             "Pass final='repeat' to repeat the one before it, or final='cut' to do so for "
             "terminated episodes only and to drop the last step of truncated ones."
         )
-    shorter = [
-        Span(span.start, span.stop - 1, span.end, is_cut=True) if span.end == "truncation" else span
-        for span in spans
-    ]
-    return [span for span in shorter if len(span)]
+    kept = list(spans)
+    if not timeline.has_next and choices.final == "cut":
+        kept = [
+            Span(each.start, each.stop - 1, each.end, is_cut=True)
+            if each.end == "truncation"
+            else each
+            for each in spans
+        ]
+    if not (kept := [each for each in kept if len(each)]):
+        raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
+    return kept
 
 
 def agent_ends(timeline: Timeline, span: Span) -> tuple[Bool, Bool]:
@@ -228,24 +226,13 @@ def _refuse_hidden_limit(
         )
 
 
-def cut_episodes(
-    timeline: Timeline, spans: Sequence[Span]
-) -> Iterator[tuple[dict[str, NDArray[Any]], Span]]:
-    """Yields the arrays of each episode, states with T + 1 rows, and its span.
-
-    Raises:
-        ConversionError: a state after a step differs from the state before the next one, or rows
-            do not fit together.
-        SchemaError: a number is not finite, or float32 does not hold it.
-    """
-    for span in spans:
-        where = f"{timeline.name}, rows {span.start} to {span.stop - 1}"
-        rows = timeline.read(slice(span.start, span.stop + span.is_cut))
-        ours = admit_rows(rows, timeline.terminals.shape[1], where)
-        yield join_states(
-            ours, len(span), timeline.name, span.start,
-            "The rows are shuffled, or an episode ends there: pass time_limit or episode_length.",
-        ), span  # fmt: skip
+def _rows_of(timeline: Timeline, span: Span) -> dict[str, NDArray[Any]]:
+    """The arrays of an episode, states with T + 1 rows."""
+    where = f"{timeline.name}, rows {span.start} to {span.stop - 1}"
+    rows = timeline.read(slice(span.start, span.stop + span.is_cut))
+    ours = admit_rows(rows, timeline.terminals.shape[1], where)
+    advice = "The rows are shuffled, or an episode ends there: pass time_limit or episode_length."
+    return join_states(ours, len(span), timeline.name, span.start, advice)
 
 
 def join_states(
@@ -340,7 +327,8 @@ def import_without_note(
     def episodes() -> Iterator[Episode]:
         number = 0
         for index, (timeline, each) in enumerate(zip(timelines, spans, strict=True)):
-            for rows, span in cut_episodes(timeline, each):
+            for span in each:
+                rows = _rows_of(timeline, span)
                 if "states" not in rows:
                     widths = enumerate(shapes.observations)  # without padding
                     rows["states"] = np.concatenate(
@@ -380,12 +368,11 @@ def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:
 def _mark_leaving(rows: dict[str, NDArray[Any]], timeline: Timeline, span: Span) -> None:
     """Adds which agents are alive, and zeroes the values of agents that have left."""
     terminated, cut = agent_ends(timeline, span)
-    alive = np.ones((len(span) + 1, terminated.shape[1]), dtype=np.bool_)
-    alive[1:] = ~np.logical_or.accumulate(terminated | cut, axis=0)
-    rows["alive"] = alive
-    rows["agent_terminations"], rows["agent_truncations"] = terminated, cut
-    seen = alive.copy()
-    seen[1:] |= alive[:-1]  # an agent also observes the state in which it leaves
+    acting = np.ones_like(terminated)
+    acting[1:] = ~np.logical_or.accumulate(terminated | cut, axis=0)[:-1]
+    rows |= leaving(acting, terminated)
+    seen = rows["alive"].copy()
+    seen[1:] |= acting  # an agent also observes the state in which it leaves
     rows["observations"] = rows["observations"] * seen[..., None]
-    rows["actions"] = rows["actions"] * alive[:-1, :, None]
-    rows["rewards"] = rows["rewards"] * alive[:-1]
+    rows["actions"] = rows["actions"] * acting[..., None]
+    rows["rewards"] = rows["rewards"] * acting

@@ -8,8 +8,7 @@ from typing import TypeVar
 
 from swarmdata.errors import ConversionError, SwarmdataError, quoted
 
-FREE_BYTES = 1 << 28
-"""Bytes that any file may unfold to."""
+FREE_BYTES = 1 << 28  # bytes that any file may unfold to
 
 MOST_EXPANSION = 200
 """Bytes that a larger file may unfold to for each of its own. Logs of robots at rest reach 100."""

@@ -12,8 +12,7 @@ from typing import Any
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.foreign_file import check_stored, reading
 
-MOST_CHUNK_BYTES = 256 << 20
-"""Of a chunk in memory, which is unpacked as a whole."""
+MOST_CHUNK_BYTES = 256 << 20  # of a chunk in memory, which is unpacked as a whole
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, MultiDiscreteSpace, Space
-from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
+from swarmdata.types import END_REASONS, Bool, Counts, Episode, Float, no_messages
 
 UNKNOWN_POLICIES = (PolicySource(label="unknown", name="external"),)
 """Behavior policies of data that do not name them."""
@@ -105,3 +105,11 @@ def build_episode(
         **no_messages(n + 1, n_agents),
     }
     return Episode(**{**empty, **rows, "seed": seed, "policy": policy, "end_reason": end})
+
+
+def leaving(acting: Bool, terminated: Bool) -> dict[str, Bool]:
+    """Arrays of an episode in which agents do not always act, and where they terminate, [T, N]."""
+    alive = np.concatenate([acting, np.zeros_like(acting[:1])])
+    stops = acting & ~alive[1:]
+    cut = stops & ~terminated
+    return {"alive": alive, "agent_terminations": stops & terminated, "agent_truncations": cut}

@@ -43,24 +43,18 @@ class Choices:
             problems.append(f"unfinished is {self.unfinished!r}, expected 'truncate' or 'drop'")
         if self.agents is not None and len(set(self.agents)) != len(self.agents):
             problems.append(f"agents are {self.agents}, expected different names")
-        if (
-            self.action_low is not None
-            and self.action_high is not None
-            and self.action_low > self.action_high
-        ):
-            problems.append(f"action_low {self.action_low} is above action_high {self.action_high}")
+        low, high = self.action_low, self.action_high
+        if low is not None and high is not None and low > high:
+            problems.append(f"action_low {low} is above action_high {high}")
         if problems:
             raise ConversionError("; ".join(problems))
 
     @classmethod
     def of(cls, *, agents: str | None = None, **answers: Any) -> "Choices":
         """Choices from the command line, where agents are a number or names separated by commas."""
-        n_agents, names = None, None
         if agents is not None and agents.isdecimal():
-            n_agents = int(agents)
-        elif agents is not None:
-            names = tuple(agents.split(","))
-        return cls(n_agents=n_agents, agents=names, **answers)
+            return cls(n_agents=int(agents), **answers)
+        return cls(agents=None if agents is None else tuple(agents.split(",")), **answers)
 
     def answered(self) -> dict[str, str]:
         """The answers that were given, for the record."""

@@ -33,8 +33,7 @@ STATIC_TYPES = ("tf2_msgs/msg/TFMessage", "tf2_msgs/TFMessage")
 MOST_TILT = 1e-3
 """Greatest share of x and y in a static transform's quaternion: frames turn in the plane only."""
 
-MOST_DEPTH = 32
-"""Of mappings inside each other in a message of JSON."""
+MOST_DEPTH = 32  # of mappings inside each other in a message of JSON
 
 _TIME_UNITS = {"time": "ns", "log_time": "ns"}
 
@@ -119,7 +118,11 @@ class _Columns:
             padded = values + [None] * (len(order) - len(values))
             cells[key] = _column([padded[k] for k in order])
         log_times = np.array([self.times[k] for k in order], np.int64)
-        numbers = {key: each for key, each in cells.items() if isinstance(each, np.ndarray)}
+        numbers = {
+            key: each
+            for key, each in cells.items()
+            if isinstance(each, np.ndarray) and each.dtype != object
+        }
         cells |= {**_short_names(numbers), "log_time": log_times}
         cells["time"] = _times(name, numbers, log_times)
         return LogTable(name, cells, _TIME_UNITS, self.frames.pop() if self.frames else "")

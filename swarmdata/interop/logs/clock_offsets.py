@@ -18,17 +18,10 @@ from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock
 from swarmdata.types import Bool, Double, Int
 
-LEAST_EXPLAINED = 0.2
-"""Least share of the motion's variance that commands explain at the offset."""
-
-ALMOST_AS_GOOD = 0.9
-"""Offsets whose score is this share of the best one could be right too."""
-
-LEAST_OVERLAP = 0.3
-"""Least share of the log in which poses and shifted commands are both known."""
-
-N_PARTS = 8
-"""Parts of the log whose offsets give the standard error."""
+LEAST_EXPLAINED = 0.2  # least share of the motion's variance that commands explain at the offset
+ALMOST_AS_GOOD = 0.9  # offsets whose score is this share of the best one could be right too
+LEAST_OVERLAP = 0.3  # least share of the log in which poses and shifted commands are both known
+N_PARTS = 8  # parts of the log whose offsets give the standard error
 
 
 def align_commands(

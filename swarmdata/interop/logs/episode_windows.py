@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from swarmdata.interop.conversion.imported_data import build_episode
+from swarmdata.interop.conversion.imported_data import build_episode, leaving
 from swarmdata.interop.logs.resampling import Samples, hold
 from swarmdata.interop.logs.robot_tracks import RobotTrack
 from swarmdata.specs.origins.log_map import LogMap
@@ -27,7 +27,6 @@ class Window:
     end: str  # `termination` or `truncation`
 
     def __len__(self) -> int:
-        """Number of steps."""
         return self.stop - self.start
 
 
@@ -129,29 +128,19 @@ def make_episodes(
         seen[:-1] |= acting
         seen[1:] |= acting  # a robot also observes the state in which it stops acting
         observed = [each.observations[places] * seen[:, k, None] for k, each in enumerate(tracks)]
+        shown = observed
         if states == "poses":
             poses = [each.pose[places].astype(np.float32) for each in tracks]
             shown = [pose * seen[:, k, None] for k, pose in enumerate(poses)]
+        actions = [each.actions[steps] * acting[:, k, None] for k, each in enumerate(tracks)]
         rows: dict[str, Float | Bool] = {
             "observations": stack_agents(observed),
-            "states": np.concatenate(shown if states == "poses" else observed, axis=1),
-            "actions": stack_agents(
-                [each.actions[steps] * acting[:, k, None] for k, each in enumerate(tracks)]
-            ),
+            "states": np.concatenate(shown, axis=1),
+            "actions": stack_agents(actions),
             "rewards": np.stack([each.rewards[steps] for each in tracks], axis=1) * acting,
         }
         if n_absent:
-            rows |= _absences(acting, window.end)
+            at_end = np.arange(len(window))[:, None] == len(window) - 1
+            rows |= leaving(acting, acting & at_end & (window.end == "termination"))
         episodes.append(build_episode(rows, seed=number, policy=0, end=window.end))
     return episodes, n_absent
-
-
-def _absences(acting: Bool, end: str) -> dict[str, Float | Bool]:
-    """Which robots act, and where each of them stops, as arrays of an episode."""
-    alive = np.zeros((len(acting) + 1, acting.shape[1]), np.bool_)
-    alive[:-1] = acting
-    stops = acting & ~alive[1:]
-    ended = stops.copy()
-    ended[:-1] = False
-    ended &= end == "termination"
-    return {"alive": alive, "agent_terminations": ended, "agent_truncations": stops & ~ended}

@@ -35,9 +35,7 @@ from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
 
-N_PARTS = 4
-"""Parts of the training split whose fits give the ranges of the randomization."""
-
+N_PARTS = 4  # parts of the training split whose fits give the ranges of the randomization
 CLOSE = (0.1, math.radians(10.0))  # m, rad: what counts as a good prediction
 
 

@@ -38,11 +38,8 @@ class Response:
     delay: int = 0  # steps
 
 
-AS_COMMANDED = Response(speed_gain=1.0, turn_gain=1.0)
-"""Of a robot that does what it is told."""
-
-STANDING = Response(speed_gain=0.0, turn_gain=0.0)
-"""Of a robot that does not move."""
+AS_COMMANDED = Response(speed_gain=1.0, turn_gain=1.0)  # of a robot that does what it is told
+STANDING = Response(speed_gain=0.0, turn_gain=0.0)  # of a robot that does not move
 
 
 @dataclass(frozen=True, eq=False)

@@ -160,12 +160,12 @@ class _Rows:
     def __init__(
         self, logs: OpenLogs, robot: LoggedRobot | None, source: LogSource, what: str
     ) -> None:
-        sources = [source] if robot is None else [source, robot]
-        log = next((each.log for each in sources if each.log is not None), None)
-        topic = next((each.topic for each in sources if each.topic is not None), None)
-        wanted = next((each.rows for each in sources if each.rows is not None), None)
-        self.what, self.table = what, logs.table(log, topic, what)
-        self._time = next((each.time for each in sources if each.time), DEFAULT_TIME)
+        names = ("log", "topic", "rows", "time")
+        log, topic, wanted, time = (
+            getattr(source if robot is None or getattr(source, name) is not None else robot, name)
+            for name in names
+        )
+        self.what, self.table, self._time = what, logs.table(log, topic, what), time or DEFAULT_TIME
         self._max_gap = source.max_gap if isinstance(source, Signal) else None
         self._offset = 0 if robot is None else nanoseconds(robot.clock_offset)
         self._chosen: Bool = np.ones(self.table.n_rows, np.bool_)

@@ -39,19 +39,19 @@ def write_mcap(path: Path) -> Path:
     from mcap.writer import CompressionType, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    messages = bags.messages_of(get_typestore(Stores.ROS2_HUMBLE))
+    types = get_typestore(Stores.ROS2_HUMBLE)
     with path.open("wb") as file:
         writer = Writer(
             file, chunk_size=4096, compression=CompressionType.NONE, enable_data_crcs=True
         )
         writer.start("ros2", "test")
         channels: dict[str, int] = {}
-        for topic, kind, ns, message in bags.team(messages, 0.5):
+        for topic, kind, ns, message in bags.team(types, 0.5):
             if topic not in channels:
-                text = messages.store.generate_msgdef(kind, ros_version=2)[0].encode()
+                text = types.generate_msgdef(kind, ros_version=2)[0].encode()
                 schema = writer.register_schema(kind, "ros2msg", text)
                 channels[topic] = writer.register_channel(topic, "cdr", schema)
-            content = bytes(messages.store.serialize_cdr(message, kind))
+            content = bytes(types.serialize_cdr(message, kind))
             writer.add_message(channels[topic], ns, content, ns)
         writer.finish()
     return path
@@ -341,11 +341,11 @@ def test_compressed_folders(tmp_path: Path, mode: str) -> None:
     from rosbags.typesys import Stores, get_typestore
 
     expected = read_bag(bags.write_ros2(tmp_path / "a", storage="sqlite3", seconds=0.5), TOPICS)
-    messages = bags.messages_of(get_typestore(Stores.ROS2_HUMBLE))
+    types = get_typestore(Stores.ROS2_HUMBLE)
     writer = Writer(tmp_path / "b", version=9, storage_plugin=StoragePlugin.SQLITE3)
     writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
     with writer:
-        bags._write(writer, messages, 0.5, messages.store.serialize_cdr)
+        bags.write_team(writer, types, 0.5, types.serialize_cdr)
     found = read_bag(tmp_path / "b", TOPICS)
     assert [table.numbers("time").tolist() for table in found.tables.values()] == [
         table.numbers("time").tolist() for table in expected.tables.values()

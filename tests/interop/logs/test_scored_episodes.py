@@ -236,7 +236,7 @@ def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
         [[1.5, -1.5], [-1.5, -1.5], [0.41, 0]],
     ]
     places = np.stack([robots[:1, :, :2], robots[1:, :, :2]], axis=1)
-    world.begin(LoggedMotion(places, robots, np.zeros((N, 2)), layout))
+    world.motion = LoggedMotion(places, robots, np.zeros((2, N, 2)), layout)
     world.env.reset(np.zeros(1, np.uint64))
     step = world.env.step(np.zeros((1, N, 2), np.float32))
     touched = step.events[0, :, EVENTS.index("obstacle_contact")]
