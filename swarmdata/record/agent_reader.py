@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -130,7 +131,7 @@ class AgentReader:
 
     def _require(self, given: Mapping[Any, Any], wanted: Bool, what: str) -> dict[Any, Any]:
         """The given values of the wanted agents; none may be missing."""
-        names = [name for name, is_wanted in zip(self.names, wanted, strict=True) if is_wanted]
+        names = list(compress(self.names, wanted))
         if missing := [name for name in names if name not in given]:
             raise SchemaError(f"no {what} of {missing}, expected one of each of {names}")
         return {name: given[name] for name in names}
@@ -167,11 +168,10 @@ class Presence:
         listed = self.reader.alive(present)
         lost = self.alive & ~ended & ~listed
         if lost.any():
-            names = [name for name, is_lost in zip(self.reader.names, lost, strict=True) if is_lost]
             raise SchemaError(
-                f"agents {names} are no longer in `agents`, but were neither terminated nor "
-                "truncated, so nobody knows whether to bootstrap. Let the environment set one of "
-                "the flags in the step in which an agent leaves."
+                f"agents {list(compress(self.reader.names, lost))} are no longer in `agents`, but "
+                "were neither terminated nor truncated, so nobody knows whether to bootstrap. Let "
+                "the environment set one of the flags in the step in which an agent leaves."
             )
         self.gone = (self.gone | ended) & listed
         self.alive = listed & ~self.gone
@@ -188,12 +188,9 @@ def combine_outcomes(successes: Iterable[bool]) -> Outcome:
 
 def n_choices(space: Space) -> int:
     """Number of entries of an action mask; 0 for actions that are not discrete."""
-    match space:
-        case DiscreteSpace():
-            return space.n
-        case MultiDiscreteSpace():
-            return sum(space.n)
-    return 0
+    if isinstance(space, DiscreteSpace):
+        return space.n
+    return sum(space.n) if isinstance(space, MultiDiscreteSpace) else 0
 
 
 def _mask_of(name: Any, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> Any:

@@ -1,6 +1,7 @@
 """Plays trained policies in the environments that datasets were recorded in."""
 
 from collections.abc import Callable
+from itertools import compress
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
@@ -151,10 +152,8 @@ def _play(
         with limit:  # not while the environment works
             chosen = policy_actions(policy, spec, step, allowed)
         acted = alive
-        names = [name for name, is_acting in zip(reader.names, acted, strict=True) if is_acting]
-        observations, rewards, terminations, truncations, infos = env.step(
-            {name: chosen[str(name)] for name in names}
-        )
+        actions = {name: chosen[str(name)] for name in compress(reader.names, acted)}
+        observations, rewards, terminations, truncations, infos = env.step(actions)
         ended = reader.flags(terminations, acted) | reader.flags(truncations, acted)
         alive = presence.step(ended, env.agents)
         seen = alive | acted

@@ -149,12 +149,13 @@ def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[E
 def _rows_by_agent(spec: RecordedSpec, given: Any, what: str, n_copies: int) -> list[Float]:
     """Copies of each agent's values as rows, [E, F_i]."""
     values = [given[agent.name] for agent in spec.agents] if isinstance(given, dict) else given
-    number = BoxSpace(shape=(1,), dtype="float32")
-    found = []
-    for agent, value in zip(spec.agents, values, strict=True):
-        space = {"observation": agent.observation, "action": agent.action}.get(what, number)
-        found.append(flatten(space, _arrays(value), f"{what} of {agent.name}", (n_copies,)))
-    return found
+    number = BoxSpace(shape=(1,), dtype="float32")  # of a reward
+    return [
+        flatten(
+            getattr(agent, what, number), _arrays(value), f"{what} of {agent.name}", (n_copies,)
+        )
+        for agent, value in zip(spec.agents, values, strict=True)
+    ]
 
 
 def _arrays(value: Any) -> Any:

@@ -11,6 +11,7 @@ import pytest
 from swarmdata.types import END_REASONS, Episode
 
 Arrays = dict[str, Any]
+TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 def team(n: int = 60, n_agents: int = 2, length: int = 5) -> Arrays:

@@ -1,8 +1,6 @@
 """D4RL-style HDF5: what a plain h5py reader finds, there and back, and what is refused."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -20,24 +18,12 @@ from swarmdata.interop.formats import find_format
 from swarmdata.store.scratch import scratch_folder
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import END_REASONS
-from tests.interop.foreign import WRITERS, check_timeline, hdf5, timeline
-
-
-def read_all(path: Path) -> dict[str, Any]:
-    """As D4RL's `get_dataset` does: every array by its path."""
-    found: dict[str, Any] = {}
-
-    def visit(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset):
-            found[name] = item[()]
-
-    with h5py.File(path) as file:
-        file.visititems(visit)
-    return found
+from tests.interop.foreign import WRITERS, TakeIn, check_timeline, hdf5, timeline
 
 
 def test_rows_are_aligned_and_none_is_missing(ours: Dataset, tmp_path: Path) -> None:
-    found = read_all(export_dataset(ours, tmp_path / "x.hdf5", format="d4rl"))
+    with h5py.File(export_dataset(ours, tmp_path / "x.hdf5", format="d4rl")) as file:
+        found = {name: file[name][()] for name in file if isinstance(file[name], h5py.Dataset)}
     expected = ours.transitions()
     n = ours.n_steps
     assert found["observations"].shape == (n, 30)
@@ -55,8 +41,6 @@ def test_rows_are_aligned_and_none_is_missing(ours: Dataset, tmp_path: Path) -> 
 
 
 Lengths = st.lists(st.integers(1, 7), min_size=2, max_size=12)
-
-TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 @pytest.mark.parametrize("kind", ["d4rl", "parquet"])

@@ -22,12 +22,10 @@ from swarmdata.interop.export import export_dataset
 from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace
 from swarmdata.store.damage import find_damage
 from swarmdata.types import END_REASONS
-from tests.interop.foreign import WRITERS, hdf5, numpy_folder, parquet, team, write_minari
+from tests.interop.foreign import WRITERS, TakeIn, hdf5, numpy_folder, parquet, team, write_minari
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
 pq = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
-
-TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 def convert(source: Path, kind: str, **answers: Any) -> Dataset:

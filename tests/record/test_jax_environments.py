@@ -12,6 +12,7 @@ from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record import record_jax
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import END_REASONS
+from tests.record.worlds import spec_of
 
 jax = pytest.importorskip("jax", reason="environments in JAX")
 jnp = jax.numpy
@@ -23,8 +24,7 @@ pytestmark = [
 
 def check(dataset: Dataset) -> RecordedSpec:
     assert audit(dataset.path, progress=False).problems == ()
-    spec = dataset.spec
-    assert isinstance(spec, RecordedSpec)
+    spec = spec_of(dataset)
     assert spec.state_from == "environment"
     return spec
 

@@ -8,8 +8,8 @@ import pytest
 
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record import Limits, record_vmas
-from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import END_REASONS
+from tests.record.worlds import spec_of
 
 ID = "halving-mine-v0"
 
@@ -77,8 +77,7 @@ def test_every_copy_is_an_episode_with_its_own_end(tmp_path: Path) -> None:
     dataset = record_vmas(env, act, 10, id=ID, path=tmp_path / "ds", task="halving")
     assert dataset.n_episodes == 10
     assert len(env.seeds) == 3
-    spec = dataset.spec
-    assert isinstance(spec, RecordedSpec)
+    spec = spec_of(dataset)
     assert (spec.horizon, spec.state_size, spec.options) == (5, 5, {"num_envs": 4})
     for index, episode in enumerate(dataset):
         seed, copy = env.seeds[index // 4], index % 4
@@ -167,8 +166,7 @@ def test_vmas_itself(scenario: str, options: dict[str, Any], tmp_path: Path) -> 
         return list(actions)
 
     dataset = record_vmas(env, random, 12, id=f"{scenario}-random-v0", path=tmp_path / "ds")
-    spec = dataset.spec
-    assert isinstance(spec, RecordedSpec)
+    spec = spec_of(dataset)
     assert (spec.task, spec.library) == (scenario, "vmas")
     episode = dataset[0]
     for time in range(len(episode)):

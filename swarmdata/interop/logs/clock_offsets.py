@@ -114,10 +114,10 @@ class _Fit:
         named = [str(command.components[k].commands) for k in columns]
         motion = np.stack([measured[name] for name in named], axis=1)[known]
         values = signals.commands.values[:, columns]
-        moving = (np.ptp(values, axis=0) > 0) & (
-            np.ptp(motion, axis=0) > 0 if len(motion) else False
-        )
-        if not np.any(moving):
+        if not len(motion):
+            return None
+        moving = (np.ptp(values, axis=0) > 0) & (np.ptp(motion, axis=0) > 0)
+        if not moving.any():
             return None
         return cls(
             starts=(grid[:-1][known] - origin) / NANOSECONDS,
@@ -154,25 +154,20 @@ class _Fit:
     def parts(self, offset: float) -> list["_Fit"]:
         """Parts of the log in which commands are known and change."""
         pieces = np.array_split(np.arange(len(self.starts)), N_PARTS)
-        parts = [
-            replace(self, starts=self.starts[piece], motion=self.motion[piece]) for piece in pieces
-        ]
+        parts = [replace(self, starts=self.starts[k], motion=self.motion[k]) for k in pieces]
         return [part for part in parts if part.score(offset) > 0]
 
     def _predict(self, offset: float) -> tuple[Double, Bool]:
         """The mean command of each interval, [n, F], and where it is known, [n]."""
         first, last = self.starts - offset, self.starts + self.length - offset
         gaps = np.diff(self.times)[:, None]
-        integral = np.concatenate(
-            [np.zeros((1, self.commands.shape[1])), np.cumsum(self.commands[:-1] * gaps, axis=0)]
+        integral = np.cumsum(self.commands[:-1] * gaps, axis=0)
+        integral = np.concatenate([np.zeros_like(self.commands[:1]), integral])
+        ends = (
+            np.interp(last, self.times, column) - np.interp(first, self.times, column)
+            for column in integral.T
         )
-        means = np.stack(
-            [
-                (np.interp(last, self.times, column) - np.interp(first, self.times, column))
-                for column in integral.T
-            ],
-            axis=1,
-        )
+        means = np.stack(list(ends), axis=1)
         newest = np.searchsorted(self.times, last, side="right") - 1
         known = (first >= self.times[0]) & (last <= self.times[-1])
         known &= last - self.times[newest.clip(0)] <= self.max_age

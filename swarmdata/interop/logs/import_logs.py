@@ -237,17 +237,14 @@ def _joined(names: Sequence[str]) -> str:
 def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedSpec:
     agents = tuple(track.agent for track in tracks)
     size = sum(width(agent.observation) for agent in agents)
+    commands = {
+        each.name: [part.column for part in each.command.components] for each in log_map.robots
+    }
     content = {
         "task": task,
         "library": "logs of robots",
         "version": IMPORT_VERSION,
-        "options": {
-            "frame": log_map.world,
-            "commands": {
-                robot.name: [each.column for each in robot.command.components]
-                for robot in log_map.robots
-            },
-        },
+        "options": {"frame": log_map.world, "commands": commands},
         "agents": agents,
         "state_size": width(POSE_SPACE) * len(agents) if log_map.states == "poses" else size,
         "state_from": log_map.states,

@@ -73,8 +73,8 @@ class OpenLogs:
 
     def transforms(self) -> list[StaticTransform]:
         """The static transforms of all bags."""
-        bags = [self._bag(name) for name, path in self.paths.items() if is_bag(path)]
-        return [transform for bag in bags for transform in bag.transforms]
+        bags = [name for name, path in self.paths.items() if is_bag(path)]
+        return [transform for name in bags for transform in self._bag(name).transforms]
 
     def unread_topics(self) -> list[str]:
         """Topics of the bags that the map does not name, sorted."""
@@ -96,10 +96,8 @@ class OpenLogs:
 
     def files(self) -> tuple[LogFile, ...]:
         """Name and digest of each log, by name."""
-        return tuple(
-            LogFile(name=name, sha256=source_digest(path))
-            for name, path in sorted(self.paths.items())
-        )
+        logs = sorted(self.paths.items())
+        return tuple(LogFile(name=name, sha256=source_digest(path)) for name, path in logs)
 
 
 def _topics_of(log_map: LogMap) -> set[str]:

@@ -95,10 +95,8 @@ class SignalReader:
         frame, what = pose.frame or rows.table.frame, f"poses of {robot.name}"
         positions = Samples(samples.times, samples.values[:, :2])
         _, _, turn = self._frames.pose_of(frame, what)
-        return (
-            self._frames.points(positions, frame, what),
-            Samples(samples.times, samples.values[:, 2:] + turn),
-        )
+        headings = Samples(samples.times, samples.values[:, 2:] + turn)
+        return self._frames.points(positions, frame, what), headings
 
     def _commands(self, robot: LoggedRobot, command: CommandSignal) -> Samples:
         rows = _Rows(self._logs, robot, command, f"command of {robot.name}")
@@ -117,7 +115,7 @@ class SignalReader:
         names = [name for each in scan.columns for name in rows.table.matching(each) or [each]]
         ranges = rows.arrays([ColumnOf(column=name, unit=scan.unit) for name in names], POSITION)
         angles = None
-        if all(rows.table.matching(name) for name in SCAN_ANGLES):
+        if all(name in rows.table.cells for name in SCAN_ANGLES):
             start, step = (rows.quantity(ColumnOf(column=name), ANGLE) for name in SCAN_ANGLES)
             angles = start, step
         return self._samples(rows, [clean_scans(ranges, scan, robot.name, angles)])
@@ -136,7 +134,7 @@ class SignalReader:
         self, rows: "_Rows", columns: Iterable[NDArray[Any]], *, is_kept_twice: bool = False
     ) -> Samples:
         """Rows with values by time; of those at the same time the last, or of rewards the sum."""
-        values: Double = np.concatenate([_two(column) for column in columns], axis=1)
+        values: Double = np.concatenate([np.atleast_2d(each.T).T for each in columns], axis=1)
         times = rows.times()
         if (np.abs(values) > np.finfo(np.float32).max).any():
             raise ConversionError(f"the {rows.what} ({rows.table.name}) has infinite values")
@@ -269,10 +267,6 @@ def _look_up(logs: OpenLogs, code: CodeOf, what: str) -> str:
             f"{table.name} has {chosen.sum()} rows with {code.rows}, expected one for the {what}"
         )
     return table.texts(code.column)[int(np.argmax(chosen))]
-
-
-def _two(values: NDArray[Any]) -> NDArray[Any]:
-    return values[:, None] if values.ndim == 1 else values
 
 
 def clean_scans(

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -49,11 +50,9 @@ def with_bounds(signals: Sequence[RobotSignals]) -> list[RobotSignals]:
     """Gives components without bounds the least and greatest values that any robot logged."""
     logged: dict[str, list[Double]] = {}
     for each in signals:
-        if each.commands is not None:
-            for component, column in zip(
-                each.robot.command.components, each.commands.values.T, strict=True
-            ):
-                logged.setdefault(component.column, []).append(column)
+        columns = () if each.commands is None else each.commands.values.T
+        for component, column in zip(each.robot.command.components, columns, strict=False):
+            logged.setdefault(component.column, []).append(column)
 
     def bounded(component: CommandComponent) -> CommandComponent:
         if component.low is not None:
@@ -139,12 +138,8 @@ def _feature(
 ) -> tuple[Double, Bool]:
     """The columns of all slots of a feature, side by side, and which slots are known, [K, S]."""
     is_angle = feature.between == "angle"
-    found = [
-        hold(each, grid, gap)
-        if feature.between == "held"
-        else interpolate(each, grid, gap, is_angle=is_angle)
-        for each in slots
-    ]
+    resample = hold if feature.between == "held" else partial(interpolate, is_angle=is_angle)
+    found = [resample(each, grid, gap) for each in slots]
     values = [each for each, _ in found]
     if is_angle:
         values = [np.concatenate([np.cos(each), np.sin(each)], axis=1) for each in values]
@@ -183,9 +178,8 @@ def _bounded(signals: RobotSignals, commands: Double, known: Bool, grid: Int) ->
             f"{int(outside.any(axis=1).sum()):,} commands outside their bounds). Widen the bounds, "
             "or say `outside: clip`."
         )
-    return np.where(known[:, None], actions.clip(lows, highs), np.float32(0)), int(
-        outside.any(axis=1).sum()
-    )
+    actions = np.where(known[:, None], actions.clip(lows, highs), np.float32(0))
+    return actions, int(outside.any(axis=1).sum())
 
 
 def _rewards(signals: RobotSignals, grid: Int) -> Float:
@@ -201,15 +195,11 @@ def _rewards(signals: RobotSignals, grid: Int) -> Float:
 
 def _agent(signals: RobotSignals, spaces: dict[str, Space]) -> RecordedAgent:
     components = signals.robot.command.components
-    action = BoxSpace(
-        shape=(len(components),),
-        dtype="float32",
-        low=common_bound(np.array([each.low for each in components], np.float32)),
-        high=common_bound(np.array([each.high for each in components], np.float32)),
-    )
-    return RecordedAgent(
-        name=signals.robot.name, observation=DictSpace(spaces=spaces), action=action
-    )
+    low = common_bound(np.array([each.low for each in components], np.float32))
+    high = common_bound(np.array([each.high for each in components], np.float32))
+    action = BoxSpace(shape=(len(components),), dtype="float32", low=low, high=high)
+    seen = DictSpace(spaces=spaces)
+    return RecordedAgent(name=signals.robot.name, observation=seen, action=action)
 
 
 def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
@@ -217,8 +207,8 @@ def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
     for each in tracks:
         if not len(each.positions.times):
             raise ConversionError(
-                f"{each.robot.name} has no poses, expected at least two; a "
-                "row without x, y or a heading is none, as one whose quaternion is zero"
+                f"{each.robot.name} has no poses, expected at least two; a row without x, y or a "
+                "heading is none, as one whose quaternion is zero"
             )
     first = min(int(each.positions.times[0]) for each in tracks)
     return first, max(int(each.positions.times[-1]) for each in tracks)

@@ -30,12 +30,8 @@ def drive(seconds: float, seed: int, noise: float = 0.0, hold: float = 0.7) -> t
     ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1) * commands[:, :1] / RATE
     places = np.append(np.zeros((1, 2)), np.cumsum(ahead[:-1], axis=0), axis=0)
     places += rng.normal(0, noise, places.shape)
-    poses = {
-        "t": t,
-        "x": places[:, 0],
-        "y": places[:, 1],
-        "yaw": yaw + rng.normal(0, noise, len(t)),
-    }
+    x, y = places.T
+    poses = {"t": t, "x": x, "y": y, "yaw": yaw + rng.normal(0, noise, len(t))}
     return poses, {"t": t, "v": commands[:, 0], "omega": commands[:, 1]}
 
 
@@ -86,9 +82,7 @@ def test_known_offsets_are_found(tmp_path: Path, noise: float) -> None:
         assert clock.uncertainty < DT / 5
         assert clock.explained > 0.7
     assert "The clock of bert's commands was estimated" in dataset.card
-    again = remake_logs(
-        logs, tmp_path / "again", ImportedLogs.from_file(dataset.path / "recipe.json")
-    )
+    again = remake_logs(logs, tmp_path / "again", origin)
     assert again.digest == dataset.digest
 
 
@@ -97,10 +91,14 @@ def test_the_offset_is_added_to_the_times_of_commands(tmp_path: Path) -> None:
     logs = write(tmp_path)[2:]
     found = make(tmp_path, logs, clock_map(robots=["bert"]))
     (clock,) = found.recipe.clocks
-    straight = clock_map(command={"clock_offset": clock.offset}, robots=["bert"])
-    given = import_logs(logs, tmp_path / "given", log_map=straight, id=ID)
-    unmoved = clock_map(command={"clock_offset": 0.0}, robots=["bert"])
-    plain = import_logs(logs, tmp_path / "plain", log_map=unmoved, id=ID)
+    given, plain = (
+        make(
+            tmp_path / str(offset),
+            logs,
+            clock_map(command={"clock_offset": offset}, robots=["bert"]),
+        )
+        for offset in (clock.offset, 0.0)
+    )
     assert_array_equal(found[3].actions, given[3].actions)
     assert_array_equal(found[3].observations, given[3].observations)
     assert plain[3].actions.shape == given[3].actions.shape
