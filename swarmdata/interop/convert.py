@@ -135,12 +135,8 @@ def store_imported(
 ) -> None:
     """Writes a dataset with its card; it appears at `out` once nothing contradicts its metadata.
 
-    Args:
-        source: of the data, for messages.
-        out: locked by the caller.
-        origin: of the dataset.
-        episodes: in order.
-        splits: code of each episode's split; None to draw them as `origin` says.
+    The caller has locked `out`; `source` names the data in messages, and `splits` are codes of each
+    episode, None to draw them as `origin` says.
     """
     if not is_vacant(out):  # either this dataset, finished before, or an error
         assemble(out, recipe=origin, parts={}, order=[])

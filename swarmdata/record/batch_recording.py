@@ -34,15 +34,10 @@ def record_batches(
     play: Callable[[SeedStream], Sequence[Episode]],
     drawn: Callable[[int], int],
 ) -> Dataset:
-    """Plays batches until there are enough episodes, and makes a dataset of them.
+    """Plays batches, by seeds that `play` draws, until there are enough episodes; makes a dataset.
 
-    Args:
-        recording: what is recorded, of one policy.
-        path: folder of the dataset; a recording that was killed there goes on.
-        n_episodes: number of episodes of the dataset.
-        limits: when finished episodes are written.
-        play: plays a batch, with seeds that it draws.
-        drawn: the seed that was drawn for an episode, from the episode's own.
+    A recording that was killed at `path` goes on; `drawn` gives the seed that was drawn for an
+    episode, from the episode's own.
     """
     folder = RecordingFolder(Path(path), limits)
     spec = recording.spec
@@ -75,15 +70,8 @@ def played_episode(
 ) -> Episode:  # fmt: skip
     """One copy's episode; what agents observe and do after they have left becomes zero.
 
-    Args:
-        seed: of the episode.
-        observations: [T + 1, N, O].
-        states: [T + 1, S].
-        actions: [T, N, A].
-        rewards: [T, N].
-        ended: which agents have ended, [T, N]; in the last step all do.
-        is_cut: whether the last step truncates those that are left.
-        reason: of the end.
+    Of T steps come observations [T + 1, N, O], states [T + 1, S], actions [T, N, A], rewards and
+    who has ended, [T, N] each; in the last step all do, truncated if `is_cut`.
     """
     T, N = ended.shape
     gone = np.logical_or.accumulate(ended, axis=0)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from itertools import compress
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 
@@ -15,19 +15,10 @@ from swarmdata.record.recording_description import describe_agents, state_source
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import to_float32, unflatten
-from swarmdata.types import Bool, EvalResult, Float, FloatOrByte, Seeds, Step, blank_step
+from swarmdata.types import Bool, EvalResult, FloatOrByte, Seeds, Step, blank_step
 
 PLAYED_METRICS = ("return", "length", "success")
 """Metrics of each episode; success is NaN if the environment does not report it."""
-
-
-@runtime_checkable
-class ChoosesAmong(Protocol):
-    """A policy that takes action masks into account."""
-
-    def act_among(self, step: Step, allowed: Bool) -> Float:
-        """Returns joint actions [E, N, A] among the allowed choices, bool [E, N, C]."""
-        ...
 
 
 def policy_actions(
@@ -49,8 +40,8 @@ def policy_actions(
     scale = None if choices else action_scale(spec)
     if allowed is None:
         actions = policy.act(step)[0]
-    elif isinstance(policy, ChoosesAmong):
-        actions = policy.act_among(step, allowed[None])[0]
+    elif act_among := getattr(policy, "act_among", None):
+        actions = act_among(step, allowed[None])[0]
     else:
         raise SchemaError(
             "the environment has action masks, but the policy ignores them: "

@@ -14,9 +14,7 @@ SINGLE_AGENT = "agent_0"  # name of the agent of a Gymnasium environment
 def as_parallel(env: Any) -> Any:
     """The environment, if its agents act at once, or one that does as it does.
 
-    Args:
-        env: a `ParallelEnv`, an `AECEnv` that is parallelizable, or a Gymnasium environment, which
-            becomes one with one agent.
+    Agents of a Gymnasium environment are one; those of an `AECEnv` must be parallelizable.
 
     Raises:
         SpecError: its agents act in turns, or it is several copies of an environment.

@@ -14,7 +14,7 @@ from pettingzoo.utils import BaseParallelWrapper
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, UnknownNameError
 from swarmdata.record.agent_reader import AgentReader, Presence
-from swarmdata.record.episode_buffer import EpisodeBuffer, StateRow, StepRow
+from swarmdata.record.episode_buffer import EpisodeBuffer, Row
 from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import (
     StateSource,
@@ -54,19 +54,19 @@ class EnvironmentReader:
 
     def state(
         self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool, seen: Bool
-    ) -> StateRow:
+    ) -> Row:
         """The state that was reached; agents are seen if they act next or acted before, [N]."""
         rows, concatenated = self.reader.observations(observations, seen)
         messages, own = no_messages(len(alive)), self.own_step
         if own is not None:
             messages = {name: getattr(own, name)[0].copy() for name in messages}
-        return StateRow(
-            observations=rows,
-            states=self._state(concatenated),
-            alive=alive,
-            action_masks=self._masks(observations, infos, alive),
+        return {
+            "observations": rows,
+            "states": self._state(concatenated),
+            "alive": alive,
+            "action_masks": self._masks(observations, infos, alive),
             **messages,
-        )
+        }
 
     def _state(self, concatenated: FloatOrByte) -> FloatOrByte:
         """The state, [S], given the concatenated observations; an image of bytes stays uint8."""
@@ -105,14 +105,6 @@ class EnvironmentReader:
 
 class Recorder(BaseParallelWrapper):
     """Records every episode played through it; used like the environment itself.
-
-        with swarmdata.Recorder(env, id="simple_spread_v3-mine-v0", path="mine") as recorder:
-            for _ in range(100):
-                observations, infos = recorder.reset()
-                while recorder.agents:
-                    actions = {agent: ... for agent in recorder.agents}
-                    observations, rewards, _, _, _ = recorder.step(actions)
-        dataset = recorder.close()
 
     Values are stored as float32 copies of those that pass through. Finished episodes are written to
     `<path>.recording/` from time to time. A killed process loses at most the episodes since the
@@ -275,7 +267,7 @@ class Recorder(BaseParallelWrapper):
         buffer, environment, reader = self._buffer, self._environment, self._reader
         if buffer is None or environment is None:
             raise SchemaError("no episode is running; call reset() first")
-        acted = buffer.states[-1].alive
+        acted: Bool = buffer.states[-1]["alive"]
         taken = reader.actions(actions, acted)  # a copy, before the environment can change them
         log_probs = self._pop_log_probs(acted)
         self._buffer = None  # after a failure, the episode no longer fits the environment
@@ -283,15 +275,15 @@ class Recorder(BaseParallelWrapper):
         observations, rewards, terminations, truncations, infos = result
         ends = reader.flags(terminations, acted), reader.flags(truncations, acted)
         alive, own = self._presence.step(ends[0] | ends[1], self.env.agents), environment.own_step
-        step = StepRow(
-            actions=taken,
-            log_probs=log_probs,
-            rewards=reader.numbers(rewards, acted, "reward"),
-            agent_terminations=ends[0],
-            agent_truncations=ends[1] & ~ends[0],
-            events=np.zeros((len(acted), 0), np.uint8) if own is None else own.events[0].copy(),
-            reward_terms=None if own is None else own.reward_terms[0].copy(),
-        )
+        step: Row = {
+            "actions": taken,
+            "log_probs": log_probs,
+            "rewards": reader.numbers(rewards, acted, "reward"),
+            "agent_terminations": ends[0],
+            "agent_truncations": ends[1] & ~ends[0],
+            "events": np.zeros((len(acted), 0), np.uint8) if own is None else own.events[0].copy(),
+            "reward_terms": None if own is None else own.reward_terms[0].copy(),
+        }
         buffer.states.append(environment.state(observations, infos, alive, acted | alive))
         buffer.steps.append(step)
         if alive.any():

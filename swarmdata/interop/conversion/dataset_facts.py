@@ -103,11 +103,9 @@ def step_blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]
 
 def recorded_agents(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
     """The agents and their spaces, with O columns of an observation."""
-    spaces = zip(spec.observation_spaces(n_columns), spec.action_spaces, strict=True)
-    return tuple(
-        RecordedAgent(name=name, observation=observation, action=action)
-        for name, (observation, action) in zip(spec.agent_names, spaces, strict=True)
-    )
+    observed = spec.observation_spaces(n_columns)
+    facts = zip(spec.agent_names, observed, spec.action_spaces, strict=True)
+    return tuple(RecordedAgent(name=n, observation=o, action=a) for n, o, a in facts)
 
 
 def split_rows(space: Space, rows: Float) -> Any:

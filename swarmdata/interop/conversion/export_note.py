@@ -131,12 +131,8 @@ def import_with_note(
 ) -> ImportedData:
     """Imports data that this library exported; ConversionError if rows do not fit the note.
 
-    Args:
-        note: note of the export.
-        read: reads arrays by name, for states also those after each step (`NEXT_PREFIX`).
-        n_rows: number of rows.
-        source: name for errors.
-        layouts: obstacles of each episode, [n, M, 8], if they were kept.
+    Arrays that `read` gives of states come twice, also after each step (`NEXT_PREFIX`); obstacles
+    of each episode, [n, M, 8], only if they were kept.
     """
     lengths = note.episodes.lengths
     if sum(lengths) != n_rows:

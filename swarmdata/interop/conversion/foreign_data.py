@@ -268,11 +268,8 @@ def join_states(
 class BlockReader:
     """A `ReadRows` that reads many rows at once and serves small slices, in increasing order.
 
-    Args:
-        read: reads some rows.
-        n_rows: number of rows.
-        row_bytes: approximate size of a row, which bounds the memory.
-        source: what is read, for errors: whatever `read` raises becomes one of ours.
+    The approximate size of a row bounds the memory; whatever `read` raises becomes an error of ours
+    about `source`.
     """
 
     def __init__(self, read: ReadRows, n_rows: int, row_bytes: int, source: Path | str) -> None:
@@ -303,13 +300,8 @@ def import_without_note(
 ) -> ImportedData:
     """Imports data that this library did not write, which have episodes' numbers for seeds.
 
-    Args:
-        task: name of the environment.
-        shapes: sizes of its agents.
-        timelines: the data.
-        choices: the user's answers about it.
-        policies: behavior policies, one for each timeline; None: unknown.
-        unread: arrays of the data that no array of ours takes, for the card.
+    Policies are those of each timeline, None if unknown; `unread` are arrays that no array of ours
+    takes, for the card.
 
     Raises:
         ConversionError: the data are ambiguous and `choices` has no answer; or, when an episode is

@@ -17,14 +17,10 @@ from swarmdata.types import Bool
 
 
 def admit_rows(rows: Arrays, n_agents: int, where: str) -> dict[str, NDArray[Any]]:
-    """Returns rows of others as our arrays.
+    """Returns rows of others, by our names, [n, ...], as our arrays of N agents.
 
-    Args:
-        rows: by our names, [n, ...], states also after each step (`NEXT_PREFIX`); observations
-            and actions of one agent after the other, with or without an axis for the agents;
-            rewards of the team or of each agent.
-        n_agents: number of agents, N.
-        where: names the rows in errors.
+    States come also after each step (`NEXT_PREFIX`); observations and actions are of one agent
+    after the other, with or without an axis for the agents; rewards are of the team or of each.
 
     Raises:
         SchemaError: float32 does not hold a number, or it is none.
@@ -157,14 +153,10 @@ def check_lengths(counts: Mapping[str, int], source: str) -> int:
 def team_shapes(
     observations: Sequence[int], actions: Any, choices: Choices, source: str, n_states: int = 0
 ) -> AgentShapes:
-    """Returns the sizes of a team of equal agents: from the agent axis, else from the user.
+    """Sizes of a team of equal agents, by the agent axis of observations, else by the user.
 
-    Args:
-        observations: shape of the observations, [n, O], [n, N * O] or [n, N, O].
-        actions: array or file of the actions, [n, ...]; all are read if they are whole numbers.
-        choices: the user's answers.
-        source: name for errors.
-        n_states: columns of the state.
+    These have the shape [n, O], [n, N * O] or [n, N, O]; actions, an array or file [n, ...], are
+    all read if they are whole numbers.
     """
     if len(observations) > 3:
         raise ConversionError(

@@ -82,13 +82,9 @@ def build_episode(
 ) -> Episode:
     """Builds an episode of the given arrays; all others are empty.
 
-    Args:
-        rows: at least observations [T+1, N, O], actions [T, N, A] and rewards [T, N].
-        seed: seed of the episode.
-        policy: index into the policies.
-        end: `termination` or `truncation`, or the code of the end reason; it gives the team's
-            flags where `rows` has none.
-        layout: obstacles, [M, 8].
+    There are at least observations [T+1, N, O], actions [T, N, A] and rewards [T, N]. The end is
+    `termination`, `truncation`, or the code of an end reason; it gives the team's flags where
+    `rows` has none. The layout is [M, 8].
     """
     n, n_agents = rows["rewards"].shape
     if isinstance(end, str):

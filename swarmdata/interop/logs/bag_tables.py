@@ -56,8 +56,7 @@ def read_bag(path: Path, topics: Collection[str]) -> BagContents:
     """Reads some topics of a bag, and its static transforms.
 
     Raises:
-        ConversionError: it is no bag, it is damaged, or messages that are read have an unknown
-            encoding or type.
+        ConversionError: it is no bag, is damaged, or has messages of an unknown encoding or type.
         FileKindError: a file of it is no regular file.
         MissingExtraError: the libraries are not installed.
     """

@@ -43,21 +43,19 @@ def acting_robots(tracks: Sequence[RobotTrack]) -> Bool:
 def find_windows(
     tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
 ) -> tuple[list[Window], int]:
-    """Finds the episodes, and counts the steps in those that were too short.
-
-    Args:
-        tracks: of all robots, on the grid.
-        marker: the map's column of markers, if it has one.
-        grid: [K] ns.
-        log_map: how to cut.
-    """
+    """The episodes on a grid, [K] ns, as the map cuts, and how many steps were in short ones."""
     acting = acting_robots(tracks)
     goes_on: Bool = np.asarray(acting.any(axis=1) if log_map.gaps == "mask" else acting.all(axis=1))
-    breaks = _breaks(tracks, marker, grid, log_map)
+    broken = np.zeros(len(grid), np.bool_)  # the step to a new marker or goal is in no episode
     if marker is not None:
-        _, is_marked = hold(marker, grid, None)
+        values, is_marked = hold(marker, grid, None)
         goes_on &= is_marked
-    broken = np.append(breaks[1:], False)  # the step to a break belongs to no episode
+        broken[:-1] |= values[1:, 0] != values[:-1, 0]
+    if (limit := log_map.episodes.goal_change) is not None:
+        for each in tracks:
+            moved = np.hypot(*np.diff(each.goals, axis=0).T)
+            appeared = np.isnan(each.goals[:-1, 0]) & ~np.isnan(each.goals[1:, 0])
+            broken[:-1] |= (moved > limit) | appeared  # NaN is not more than the limit
     edges = np.diff((goes_on & ~broken).astype(np.int8), prepend=0, append=0)
     starts, stops = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     found = []
@@ -66,23 +64,6 @@ def find_windows(
         found += _pieces(start, stop, log_map.episodes.ends if is_end else "truncation", log_map)
     kept = [each for each in found if len(each) >= log_map.episodes.min_steps]
     return kept, sum(map(len, found)) - sum(map(len, kept))
-
-
-def _breaks(
-    tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
-) -> Bool:
-    """At which times a marker or a goal has changed since the time before, [K]."""
-    breaks = np.zeros(len(grid), np.bool_)
-    if marker is not None:
-        values, _ = hold(marker, grid, None)
-        breaks[1:] |= values[1:, 0] != values[:-1, 0]
-    limit = log_map.episodes.goal_change
-    if limit is not None:
-        for each in tracks:
-            moved = np.hypot(*np.diff(each.goals, axis=0).T)
-            appeared = np.isnan(each.goals[:-1, 0]) & ~np.isnan(each.goals[1:, 0])
-            breaks[1:] |= (moved > limit) | appeared  # NaN is not more than the limit
-    return breaks
 
 
 def most_steps(log_map: LogMap) -> int | None:

@@ -146,17 +146,10 @@ class Drives:
         return found
 
     def errors_of(self, responses: Sequence[Response], length: int) -> tuple[Double, Double, Int]:
-        """Errors of open-loop predictions in windows that do not overlap.
+        """Errors of open-loop predictions of so many steps, by each robot's response.
 
-        A prediction begins in a measured pose and knows nothing later but commands.
-
-        Args:
-            responses: of each robot.
-            length: steps of a prediction.
-
-        Returns:
-            distances (m) and angles (rad) between the predicted and the measured pose, and the
-            episode of each, [n] each.
+        A prediction begins in a measured pose and knows nothing later but commands; none overlap.
+        Returns distances (m) and angles (rad) to the measured pose, and the episode of each, [n].
         """
         distances, angles, places = [], [], []
         starts = self.starts(length)

@@ -48,12 +48,7 @@ class PlanarFrames:
             self._parents.setdefault(plain_frame(transform.frame), transform)
 
     def pose_of(self, frame: str, what: str) -> tuple[float, float, float]:
-        """The pose of a frame in the world: x and y in m, heading in rad.
-
-        Args:
-            frame: its name; empty for the world.
-            what: is in this frame, for the error, such as "poses of robot_0".
-        """
+        """The pose of a frame (empty: the world) in the world: x and y in m, heading in rad."""
         x, y, heading = 0.0, 0.0, 0.0
         passed = [plain_frame(frame)]
         while passed[-1] not in ("", self.world):

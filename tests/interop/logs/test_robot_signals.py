@@ -122,22 +122,35 @@ def facing(sizes: Sequence[int]) -> list[np.ndarray]:
     return [np.where(np.linspace(-np.pi, np.pi, n) > 1e-9, 1.0, np.inf) for n in sizes]
 
 
-def test_infinite_is_nothing_in_range() -> None:
-    assert_array_equal(clean_scans(RANGES[:1], scan(), "anna"), [[1, 2, 5, 5]])
+FOUR, TWO_SCANS = np.arange(1.0, 5.0), [np.ones(4), np.ones(1)]
 
 
-def test_invalid_beams_are_not_known_or_nothing() -> None:
+@pytest.mark.parametrize(
+    ("rows", "changes", "angles", "expected"),
+    [
+        (RANGES[:1], {}, None, [[1, 2, 5, 5]]),
+        (RANGES[1:], {"invalid": "nothing"}, None, [[5, 2, 3, 4], [1, 5, 5, 2]]),
+        (RANGES[:1], {"beams": 2}, None, [[1, 5]]),
+        (RANGES[:1], {"beams": 3}, None, [[1, 2, 5]]),
+        ([FOUR, FOUR[::3]], {"beams": 2}, ([0.0, 0.1], [0.1, 0.2]), [[1, 3], [1, 4]]),
+        ([FOUR, np.roll(FOUR, 2)], {"beams": 4}, ([0.0, np.pi], [np.pi / 2] * 2), [FOUR, FOUR]),
+        (TWO_SCANS, {"beams": 2}, ([0.0] * 2, [0.1] * 2), [[1, 1], [1, np.nan]]),
+        (TWO_SCANS, {"beams": 2, "invalid": "nothing"}, ([0.0] * 2, [0.1] * 2), [[1, 1], [1, 5]]),
+    ],
+    ids=[
+        "infinite is nothing in range", "invalid beams may be nothing", "sectors have the nearest",
+        "also of unequal size", "half the beams by their angles", "the start of a turn is nothing",
+        "a sector without a beam is unknown", "or nothing",
+    ],
+)  # fmt: skip
+def test_scans(rows: Any, changes: dict[str, Any], angles: Any, expected: Any) -> None:
+    turns = None if angles is None else tuple(np.array(each) for each in angles)
+    assert_array_equal(clean_scans(rows, scan(**changes), "anna", turns), expected)
+
+
+def test_invalid_beams_are_not_known() -> None:
     unknown = clean_scans(RANGES, scan(), "anna")
     assert_array_equal(np.isnan(unknown).sum(axis=1), [0, 1, 2])
-    found = clean_scans(RANGES, scan(invalid="nothing"), "anna")
-    assert_array_equal(found[1:], [[5, 2, 3, 4], [1, 5, 5, 2]])
-
-
-def test_sectors_keep_the_nearest() -> None:
-    assert_array_equal(clean_scans(RANGES[:1], scan(beams=2), "anna"), [[1, 5]])
-    assert_array_equal(clean_scans(RANGES[:1], scan(beams=3), "anna"), [[1, 2, 5]])
-    with pytest.raises(ConversionError, match="4 beams, too few for 5 sectors"):
-        clean_scans(RANGES, scan(beams=5), "anna")
 
 
 def test_scans_that_differ_in_their_beams_are_divided_by_angle() -> None:
@@ -149,25 +162,6 @@ def test_scans_that_differ_in_their_beams_are_divided_by_angle() -> None:
     assert np.isnan(found[3]).all()  # nothing is known of a scan without beams
 
 
-def test_a_scan_of_half_the_beams_is_divided_by_its_angles() -> None:
-    rows = [np.arange(1.0, 5.0), np.array([1.0, 4.0])]
-    angles = np.array([0.0, 0.1]), np.array([0.1, 0.2])  # the second misses the first and third
-    assert_array_equal(clean_scans(rows, scan(beams=2), "anna", angles), [[1, 3], [1, 4]])
-
-
-def test_the_start_of_a_full_turn_does_not_matter() -> None:
-    angles = np.array([0.0, np.pi]), np.full(2, np.pi / 2)
-    rows = [np.arange(1.0, 5.0), np.array([3.0, 4.0, 1.0, 2.0])]
-    assert_array_equal(clean_scans(rows, scan(beams=4), "anna", angles), [[1, 2, 3, 4]] * 2)
-
-
-def test_a_sector_without_a_beam_is_not_known() -> None:
-    rows, angles = [np.ones(4), np.ones(1)], (np.zeros(2), np.full(2, 0.1))
-    assert_array_equal(clean_scans(rows, scan(beams=2), "anna", angles)[1], [1, np.nan])
-    nothing = clean_scans(rows, scan(beams=2, invalid="nothing"), "anna", angles)
-    assert_array_equal(nothing[1], [1, 5])
-
-
 @pytest.mark.parametrize(
     ("rows", "angles", "beams", "words"),
     [
@@ -176,6 +170,7 @@ def test_a_sector_without_a_beam_is_not_known() -> None:
         (facing([36, 37]), (np.zeros(2), np.zeros(2)), 4, "no columns say at which angles"),
         (facing([4, 4]), (np.array([0.0, 0.5]), np.full(2, 0.1)), 4, "scan 2 of .* beams outside"),
         ([np.zeros(0)], None, None, "have no beams"),
+        (RANGES, None, 5, "4 beams, too few for 5 sectors"),
     ],
 )
 def test_scans_that_cannot_be_divided(rows: Any, angles: Any, beams: Any, words: str) -> None:
