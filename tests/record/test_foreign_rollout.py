@@ -18,29 +18,14 @@ from swarmdata.record import (
 )
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import Limits
-from swarmdata.types import Float, Int, Step
-from tests.record.worlds import Choosing, Counting, record, spec_of, steady
+from swarmdata.types import Float, Step
+from tests.record.worlds import Choosing, Constant, Counting, record, spec_of, steady
 
 torch = pytest.importorskip("torch")
 
 
-class Constant:
-    """Always the same numbers in [-1, 1]; remembers what it saw."""
-
-    uses_state = False
-
-    def __init__(self, value: float) -> None:
-        self.value, self.seen = value, []  # type: ignore[var-annotated]
-
-    def reset(self, step: Step, copies: Int) -> None:
-        self.seen.append(step)
-
-    def act(self, step: Step) -> Float:
-        self.seen.append(step)
-        return np.full((1, 2, 2), self.value, np.float32)
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.zeros((1, 2), np.float32)
+def constant(value: float) -> Constant:
+    return Constant([value] * 2, [value] * 2)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +64,7 @@ def test_actions_come_back_in_the_units_of_the_environment(
     spec: RecordedSpec, value: float
 ) -> None:
     step = step_of(np.zeros((2, 3), np.float32), np.zeros(2, np.float32), seed=0, time=0)
-    actions = policy_actions(Constant(value), spec, step)
+    actions = policy_actions(constant(value), spec, step)
     unit = np.clip(value, -1, 1)
     np.testing.assert_array_equal(actions["big"], np.array([0, 2]) + 2 * unit)
     np.testing.assert_array_equal(actions["small"], [3 + 2 * unit])
@@ -88,7 +73,7 @@ def test_actions_come_back_in_the_units_of_the_environment(
 
 
 def test_a_policy_sees_what_was_recorded(dataset: Dataset, spec: RecordedSpec) -> None:
-    policy = Constant(0.0)
+    policy = constant(0.0)
     episode = dataset[0]
     result = evaluate_parallel(
         policy, lambda: Counting(leaves={"big": 3}), spec, dataset.episodes.seeds[:1]
@@ -118,7 +103,7 @@ def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(spec: Recor
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        evaluate_parallel(Policy(0.0), Env, spec, foreign_evaluation_seeds(1))
+        evaluate_parallel(Policy([0.0] * 2, [0.0] * 2), Env, spec, foreign_evaluation_seeds(1))
     finally:
         torch.set_num_threads(before)
     assert set(acting) == {1}
@@ -128,9 +113,9 @@ def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(spec: Recor
 def test_another_environment_is_refused(spec: RecordedSpec) -> None:
     seeds = foreign_evaluation_seeds(1)
     with pytest.raises(SchemaError, match="the recording of counting_v1 has"):
-        evaluate_parallel(Constant(0.0), Choosing, spec, seeds)
+        evaluate_parallel(constant(0.0), Choosing, spec, seeds)
     with pytest.raises(SchemaError, match="no seeds"):
-        evaluate_parallel(Constant(0.0), Counting, spec, seeds[:0])
+        evaluate_parallel(constant(0.0), Counting, spec, seeds[:0])
 
 
 @pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc"])

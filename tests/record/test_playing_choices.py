@@ -17,8 +17,8 @@ from swarmdata.record import (
     step_of,
 )
 from swarmdata.specs.origins import RecordedSpec
-from swarmdata.types import Bool, Float, Int, Step
-from tests.record.worlds import Together, play, record, spec_of
+from swarmdata.types import Bool, Float, Step
+from tests.record.worlds import Constant, Together, play, record, spec_of
 
 torch = pytest.importorskip("torch")
 
@@ -136,26 +136,8 @@ def test_the_better_choices_are_imitated(
     assert least <= result.metrics["return"].mean() / (1.25 * LENGTH) <= most
 
 
-class Says:
-    """Always the same choices; takes the first allowed one instead where it is told."""
-
-    uses_state = False
-
-    def __init__(self, *rows: list[float]) -> None:
-        self.rows = np.array([rows], np.float32)
-
-    def reset(self, step: Step, copies: Int) -> None:
-        """Nothing to forget."""
-
-    def act(self, step: Step) -> Float:
-        return self.rows
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.zeros((1, 2), np.float32)
-
-
-class Listens(Says):
-    """Also heeds masks."""
+class Listens(Constant):
+    """Takes the first allowed choice instead where it is told."""
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
         assert allowed.shape == (1, 2, 6)
@@ -172,7 +154,7 @@ def test_masks_of_the_environment_reach_the_policy(spec: RecordedSpec) -> None:
     few = result.metrics["return"] * 2 - 0.5 * LENGTH  # what is left when `many` is never right
     assert (few <= LENGTH).all()
     with pytest.raises(SchemaError, match="has no act_among"):
-        evaluate_parallel(Says([0, 1], [1, 0]), lambda: Signals(has_masks=True), spec, seeds)
+        evaluate_parallel(Constant([0, 1], [1, 0]), lambda: Signals(has_masks=True), spec, seeds)
 
 
 @pytest.mark.parametrize(
@@ -185,11 +167,11 @@ def test_masks_of_the_environment_reach_the_policy(spec: RecordedSpec) -> None:
 )
 def test_what_is_no_choice_is_refused(spec: RecordedSpec, rows: Any, message: str) -> None:
     with pytest.raises(SchemaError, match=message):
-        evaluate_parallel(Says(*rows), Signals, spec, foreign_evaluation_seeds(1))
+        evaluate_parallel(Constant(*rows), Signals, spec, foreign_evaluation_seeds(1))
 
 
 def test_actions_are_those_of_the_environment(spec: RecordedSpec) -> None:
     step = step_of(np.zeros((2, 4), np.float32), np.zeros(8, np.float32), seed=0, time=0)
-    actions = policy_actions(Says([3, 1], [2, 0]), spec, step)
+    actions = policy_actions(Constant([3, 1], [2, 0]), spec, step)
     assert actions["many"].tolist() == [3, 1]
     assert actions["few"] == 2

@@ -11,6 +11,7 @@ from pettingzoo import ParallelEnv
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.record import Recorder
 from swarmdata.specs.origins import RecordedSpec
+from swarmdata.types import Float, Int, Step
 
 
 class Counting(ParallelEnv):  # type: ignore[misc]
@@ -162,6 +163,25 @@ class Choosing(Together):
         if self.mask_in == "observation":
             observations["one"] = {"observation": dict(seen), "action_mask": self.mask}
         return observations
+
+
+class Constant:
+    """A policy of two agents that do always the same; remembers what it saw."""
+
+    uses_state = False
+
+    def __init__(self, *rows: list[float]) -> None:
+        self.rows, self.seen = np.array([rows], np.float32), list[Step]()
+
+    def reset(self, step: Step, copies: Int) -> None:
+        self.seen.append(step)
+
+    def act(self, step: Step) -> Float:
+        self.seen.append(step)
+        return self.rows
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.zeros((1, 2), np.float32)
 
 
 def spec_of(dataset: Dataset) -> RecordedSpec:

@@ -5,7 +5,7 @@ import pytest
 from gymnasium.spaces import MultiDiscrete, Text
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.interop.conversion.test_space_columns import Spaces
+from tests.interop.conversion.test_dataset_facts import Spaces
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.specs.spaces import (

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -97,11 +98,9 @@ def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
             "and truncations look the same. Pass time_limit=STEPS, time_limit=0 if there is no "
             "limit, or episode_length=STEPS if all episodes have the same length."
         )
-    ends, start, spans = _ends(timeline, choices), 0, []
-    for stop in ends:
-        spans.append(_span(timeline, start, stop, choices))
-        start = stop
-    return spans + _tail(timeline, start, choices)
+    edges = [0, *_ends(timeline, choices)]
+    spans = [_span(timeline, *rows, choices) for rows in pairwise(edges)]
+    return spans + _tail(timeline, edges[-1], choices)
 
 
 def _span(timeline: Timeline, start: int, stop: int, choices: Choices) -> Span:
@@ -126,15 +125,12 @@ def _kept(timeline: Timeline, spans: Sequence[Span], choices: Choices) -> list[S
             "Pass final='repeat' to repeat the one before it, or final='cut' to do so for "
             "terminated episodes only and to drop the last step of truncated ones."
         )
-    kept = list(spans)
-    if not timeline.has_next and choices.final == "cut":
-        kept = [
-            Span(each.start, each.stop - 1, each.end, is_cut=True)
-            if each.end == "truncation"
-            else each
-            for each in spans
-        ]
-    if not (kept := [each for each in kept if len(each)]):
+    kept = []
+    for each in spans:
+        is_cut = not timeline.has_next and choices.final == "cut" and each.end == "truncation"
+        shorter = Span(each.start, each.stop - 1, each.end, is_cut=True) if is_cut else each
+        kept += [shorter] if len(shorter) else []
+    if not kept:
         raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
     return kept
 
@@ -187,12 +183,10 @@ def _flagged_ends(flags: Bool) -> list[int]:
     for agent in range(flags.shape[1]):
         upcoming = np.minimum.accumulate(np.where(flags[:, agent], rows, n)[::-1])[::-1]
         np.maximum(last, upcoming, out=last)  # of an episode that begins in the row
-    ends = []
-    start = 0
-    while start < n and last[start] < n:
-        start = int(last[start]) + 1
-        ends.append(start)
-    return ends
+    ends = [0]
+    while ends[-1] < n and last[ends[-1]] < n:
+        ends.append(int(last[ends[-1]]) + 1)
+    return ends[1:]
 
 
 def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
