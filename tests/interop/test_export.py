@@ -19,6 +19,7 @@ from swarmdata.perception.frames import in_world
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.specs.model_choice import with_models
+from tests.interop.foreign import NEEDS
 from tests.support.pairs import slow
 from tests.support.tiny import make_tiny
 
@@ -75,10 +76,6 @@ def test_a_policy_sees_and_acts_in_the_exported_frame(
     np.testing.assert_allclose(frame.recorded(recorded, acted), actions / norm, atol=1e-6)
 
 
-NEEDS = {
-    "lerobot": "pyarrow", "minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl",
-    "vault": "flashbax.vault",
-}  # fmt: skip
 TURNABLE = [name for name in FORMATS if name not in ("mcap", "rosbag2")]
 """Bags hold commands of robots, in the world's frame alone."""
 

@@ -5,7 +5,6 @@ import pytest
 from gymnasium.spaces import MultiDiscrete, Text
 from hypothesis import given
 from hypothesis import strategies as st
-from tests.interop.conversion.test_dataset_facts import Spaces
 
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.specs.spaces import (
@@ -23,6 +22,7 @@ from swarmdata.specs.spaces import (
     unflatten,
     width,
 )
+from tests.interop.conversion.test_dataset_facts import Spaces
 
 leaves = st.one_of(
     st.builds(
