@@ -100,7 +100,7 @@ class AgentReader:
         return any(_mask_of(name, observations, infos) is not None for name in self.names)
 
     def masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool) -> Bool:
-        """Allowed choices, [N, C], of parts in a row: all without a mask, none of the dead."""
+        """Allowed choices of each action's parts, [N, C]: all without a mask, none of the dead."""
         counts = [n_choices(agent.action) for agent in self.agents]
         masks = np.zeros((len(counts), max(counts)), dtype=np.bool_)
         for index, (name, count) in enumerate(zip(self.names, counts, strict=True)):

@@ -34,7 +34,7 @@ class EpisodeBuffer:
         It is truncated if any agent was in the last step, because the value of the last state must
         then be bootstrapped. With `is_cut` it was left early, and truncates the living agents.
         """
-        arrays = {
+        arrays: dict[str, Any] = {
             name: None if first is None else np.stack([row[name] for row in rows])
             for rows in (self.states, self.steps)
             for name, first in rows[0].items()

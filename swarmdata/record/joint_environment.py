@@ -12,9 +12,9 @@ SINGLE_AGENT = "agent_0"  # name of the agent of a Gymnasium environment
 
 
 def as_parallel(env: Any) -> Any:
-    """The environment, if its agents act at once, or one that does as it does.
+    """Returns an environment whose agents act at once: itself if it is one.
 
-    Agents of a Gymnasium environment are one; those of an `AECEnv` must be parallelizable.
+    Agents of an `AECEnv` must be parallelizable; a Gymnasium environment gets one agent.
 
     Raises:
         SpecError: its agents act in turns, or it is several copies of an environment.

@@ -4,6 +4,8 @@ import datetime
 import decimal
 import os
 from collections.abc import Callable
+from functools import partial
+from operator import setitem
 from pathlib import Path
 from typing import Any
 
@@ -333,21 +335,19 @@ def test_minari_is_looked_at_before_minari_opens_it(tmp_path: Path) -> None:
         with h5py.File(file, "r+") as opened:
             for name in lost:
                 del opened[name]
-            change(opened)
+            change(opened.get("episode_3"))
         refused(source, "minari", words)
 
     rewards = "episode_3/rewards"
-    changed("has its content in other", lambda file: external(file, rewards, secret), rewards)
-    changed("is a ExternalLink", lambda file: external_link(file, rewards, secret), rewards)
-    for words, values in (("has values of type complex", 1j), (r"reward.* is not finite", 1e39)):
-        changed(words, lambda file, v=values: file.__setitem__(rewards, [v] * 5), rewards)
+    changed("has its content in other", lambda group: external(group, "rewards", secret), rewards)
+    changed("is a ExternalLink", lambda group: external_link(group, "rewards", secret), rewards)
+    for value, words in ((1j, "has values of type complex"), (1e39, r"reward.* is not finite")):
+        values = [value] * 5
+        changed(words, partial(h5py.Group.create_dataset, name="rewards", data=values), rewards)
     changed("episode 3 cannot be read", bool, rewards)
     changed("cannot be read", bool, "episode_3")
-    for name, value, words in (
-        ("actions", 7, "bounds: action 7 of agent 0"),
-        ("observations", 1.7e9 + 0.25, "above 16777216"),
-    ):
-        changed(words, lambda file, n=name, v=value: file[f"episode_3/{n}"].__setitem__(2, v))
+    changed("bounds: action 7 of agent 0", lambda group: setitem(group["actions"], 2, 7))
+    changed("above 16777216", lambda group: setitem(group["observations"], 2, 1.7e9 + 0.25))
 
 
 def test_infos_of_minari_that_nothing_takes_are_named(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ def reading(source: Path | str, hint: str = "") -> AbstractContextManager[None]:
 
 
 def check_stored(source: Path | str, declared: int, stored: int) -> None:
-    """ConversionError if far more bytes are declared than stored ones explain by any packing."""
+    """Raises ConversionError if far more bytes are declared than any packing explains."""
     if declared > FREE_ARRAY_BYTES + MOST_ARRAY_EXPANSION * stored:
         raise ConversionError(
             f"{source} declares {declared / 1e6:,.0f} MB, but stores {stored / 1e6:,.3f} MB, "

@@ -49,7 +49,7 @@ def admit_rows(rows: Arrays, n_agents: int, where: str) -> dict[str, NDArray[Any
 
 
 def admit_exported(rows: Arrays, n_rows: int, where: str) -> None:
-    """ConversionError unless rows of an export still have the dtypes of our arrays."""
+    """Raises ConversionError unless rows of an export still have the dtypes of our arrays."""
     needed = {"observations", "actions", "rewards", "terminations", "truncations"}
     needed |= {NEXT_PREFIX + name for name in STATE_ARRAYS if name in rows}
     wrong = [f"no {name}" for name in sorted(needed - set(rows))]

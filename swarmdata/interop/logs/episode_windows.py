@@ -43,7 +43,7 @@ def acting_robots(tracks: Sequence[RobotTrack]) -> Bool:
 def find_windows(
     tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
 ) -> tuple[list[Window], int]:
-    """The episodes on a grid, [K] ns, as the map cuts, and how many steps were in short ones."""
+    """Cuts a grid, [K] ns, as the map says; also counts the steps in episodes that are short."""
     acting = acting_robots(tracks)
     goes_on: Bool = np.asarray(acting.any(axis=1) if log_map.gaps == "mask" else acting.all(axis=1))
     broken = np.zeros(len(grid), np.bool_)  # the step to a new marker or goal is in no episode

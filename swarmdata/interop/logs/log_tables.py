@@ -93,7 +93,7 @@ class LogTable:
         return [str(cell) for cell in self._column(name)]
 
     def rows_with(self, name: str, value: str | int, *, may_lack: bool = False) -> Bool:
-        """Which rows have a value in a column, [n]; none only if it `may_lack`."""
+        """Which rows have a value in a column, [n]; refused if none has, unless `may_lack`."""
         cells = self.texts(name)
         same = {text: _is_same(text, value) for text in dict.fromkeys(cells)}
         if not may_lack and not any(same.values()):

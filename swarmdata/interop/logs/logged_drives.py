@@ -136,7 +136,7 @@ class Drives:
         return np.concatenate([moves, self.dt * speeds[..., 1:]], axis=-1)
 
     def starts(self, length: int) -> Bool:
-        """Steps that are `LEAD` in a drive, and so many before its end, [E, N, S]."""
+        """From which steps, after `LEAD`, a prediction of `length` steps can begin, [E, N, S]."""
         lead = self.steps(LEAD)
         n_starts = self.known.shape[2] - length + 1
         found = np.zeros((*self.known.shape[:2], max(n_starts, 0)), np.bool_)

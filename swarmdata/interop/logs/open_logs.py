@@ -81,7 +81,7 @@ class OpenLogs:
         return sorted({topic for bag in self._bags.values() for topic in bag.unread})
 
     def check_all_used(self) -> None:
-        """ConversionError if a log, or a column of a table, is neither mapped nor ignored."""
+        """Raises ConversionError if a log or a table's column is neither mapped nor ignored."""
         if idle := [name for name in self.paths if name not in {**self._tables, **self._bags}]:
             raise ConversionError(
                 f"the map uses nothing of {', '.join(idle)}. Leave the log out, name it in "

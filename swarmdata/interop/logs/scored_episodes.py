@@ -53,7 +53,7 @@ LONGEST_ACTION = 1.0 + 1e-4
 
 
 def check_task(spec: TaskSpec | None, log_map: LogMap) -> None:
-    """SpecError unless logs of a map can have what a task needs, and need no task without one."""
+    """Raises SpecError unless logs of a map have what the task needs, and need none without one."""
     if spec is None:
         if log_map.episodes.goals == "reached":
             raise SpecError("episodes.goals: reached is for a task that scores the logs, --task")

@@ -23,9 +23,8 @@ class Floor(Together):
     """Unicycles that observe what the logged robots did; rewards for driving as they did."""
 
     NAME, length = "floor", 20
-    ACTIONS: ClassVar[Any] = dict.fromkeys(
-        bags.ROBOTS, Box(np.float32([-0.5, -1.0]), np.float32([0.5, 1.0]))
-    )
+    LARGEST = np.array([0.5, 1.0], np.float32)
+    ACTIONS: ClassVar[Any] = dict.fromkeys(bags.ROBOTS, Box(-LARGEST, LARGEST))
 
     def __init__(self, *, sees_pose: bool = True) -> None:
         super().__init__()

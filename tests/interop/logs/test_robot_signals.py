@@ -144,7 +144,7 @@ FOUR, TWO_SCANS = np.arange(1.0, 5.0), [np.ones(4), np.ones(1)]
     ],
 )  # fmt: skip
 def test_scans(rows: Any, changes: dict[str, Any], angles: Any, expected: Any) -> None:
-    turns = None if angles is None else tuple(np.array(each) for each in angles)
+    turns: Any = None if angles is None else tuple(np.array(each) for each in angles)
     assert_array_equal(clean_scans(rows, scan(**changes), "anna", turns), expected)
 
 
