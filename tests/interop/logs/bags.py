@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.interop.bags.bag_messages import _header, _pose, _twist, built
+from tests.interop.logs.logged_team import bounded
 
 ROBOTS = ("robot_0", "robot_1", "robot_2", "robot_3")
 START = 1_700_000_000 * 10**9  # ns
@@ -17,13 +18,7 @@ MAP: dict[str, Any] = {
     "world": "map",
     "each": {
         "pose": {"topic": "/{robot}/odom"},
-        "command": {
-            "topic": "/{robot}/cmd_vel",
-            "components": [
-                {"column": "v", "low": -0.5, "high": 0.5},
-                {"column": "omega", "low": -1, "high": 1},
-            ],
-        },
+        "command": {"topic": "/{robot}/cmd_vel", "components": bounded(v=0.5, omega=1)},
         "scan": {"topic": "/{robot}/scan", "range_max": 3.5, "beams": 4},
     },
     "robots": list(ROBOTS),

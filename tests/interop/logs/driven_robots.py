@@ -10,7 +10,7 @@ import swarmdata
 from swarmdata.interop.logs.logged_drives import Drives, Response
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.task_spec import TaskSpec
-from tests.interop.logs.logged_team import write_csv
+from tests.interop.logs.logged_team import bounded, write_csv
 
 DT = 0.1  # s
 LARGEST = (0.4, 1.0)  # m/s, rad/s, of commands
@@ -86,12 +86,7 @@ MAP: dict[str, Any] = {
         "log": "{robot}.csv",
         "time": "t",
         "pose": {"heading": "yaw"},
-        "command": {
-            "components": [
-                {"column": name, "low": -most, "high": most}
-                for name, most in zip(("v", "omega"), LARGEST, strict=True)
-            ]
-        },
+        "command": {"components": bounded(v=LARGEST[0], omega=LARGEST[1])},
     },
     "robots": list(NAMES),
     "episodes": {"length": 10},

@@ -11,7 +11,7 @@ from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.logs import import_logs, remake_logs
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import ImportedLogs
-from tests.interop.logs.logged_team import write_csv
+from tests.interop.logs.logged_team import bounded, write_csv
 from tests.support.pairs import slow
 
 DT, RATE, ROBOTS = 0.1, 50.0, ("anna", "bert")
@@ -52,10 +52,7 @@ def clock_map(**changes: Any) -> LogMap:
     command = {
         "log": "{robot}.csv",
         "clock_offset": "estimate",
-        "components": [
-            {"column": "v", "low": -1, "high": 1},
-            {"column": "omega", "low": -2, "high": 2},
-        ],
+        "components": bounded(v=1, omega=2),
         **changes.pop("command", {}),
     }
     pose = {"log": "{robot}-poses.csv", "heading": "yaw"}
@@ -135,8 +132,7 @@ def test_commands_that_repeat_are_refused(tmp_path: Path) -> None:
 
 
 def test_unknown_commands_have_no_offset() -> None:
-    components = [{"column": "left", "low": -1, "high": 1}]
     with pytest.raises(SpecError, match="needs to know what is commanded"):
-        clock_map(command={"components": components})
+        clock_map(command={"components": bounded(left=1)})
     with pytest.raises(SpecError, match="needs logged commands"):
         clock_map(command={"differences": True})

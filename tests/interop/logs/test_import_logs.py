@@ -21,6 +21,7 @@ from tests.interop.logs.logged_team import (
     MAP,
     SPEED,
     TURN,
+    bounded,
     drive,
     each,
     log_map,
@@ -202,8 +203,7 @@ def test_scans_features_goals_and_rewards(tmp_path: Path, logs: list[Path]) -> N
 
 
 def test_commands_from_poses_are_flagged(tmp_path: Path, logs: list[Path]) -> None:
-    components = [{"column": name, "low": -1, "high": 1} for name in ("v", "omega")]
-    command = {"components": components, "differences": True}
+    command = {"components": bounded(v=1, omega=1), "differences": True}
     dataset = make(tmp_path, logs, each=each(command=command), ignore=["v", "omega"])
     assert_audited(dataset)
     assert_allclose(dataset[0].actions[..., 0], SPEED, rtol=2e-3)
@@ -247,7 +247,7 @@ def test_what_does_not_fit_is_refused(
 
 
 def test_commands_outside_their_bounds(tmp_path: Path, logs: list[Path]) -> None:
-    narrow = [{"column": "v", "low": 0, "high": 0.4}, {"column": "omega", "low": -1, "high": 1}]
+    narrow = [{"column": "v", "low": 0, "high": 0.4}, *bounded(omega=1)]
     with pytest.raises(ConversionError, match=r"command v of anna is 0\.4.*expected 0 to 0\.4"):
         make(tmp_path, logs, each=each(command={"components": narrow}))
     command = {"components": narrow, "outside": "clip"}
@@ -259,7 +259,7 @@ def test_commands_outside_their_bounds(tmp_path: Path, logs: list[Path]) -> None
 
 
 def test_bounds_that_are_left_out_are_those_of_the_team(tmp_path: Path, logs: list[Path]) -> None:
-    components = [{"column": "v"}, {"column": "omega", "low": -1, "high": 1}]
+    components = [{"column": "v"}, *bounded(omega=1)]
     dataset = make(tmp_path, logs, each=each(command={"components": components}))
     logged = np.concatenate([drive(60.0, phase)["v"] for phase in (0.0, 1.0)])
     for space in dataset.spec.action_spaces:
