@@ -16,7 +16,7 @@ from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.foreign_file import check_plain
 from swarmdata.interop.conversion.user_choices import Choices, absolute_path
-from swarmdata.interop.formats import FORMATS, Reader, find_format
+from swarmdata.interop.formats import Reader, all_formats, find_format
 from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
@@ -108,7 +108,7 @@ def import_dataset(
 def _reader_of(format: str) -> Reader:
     found = find_format(format)
     if found.read is None:
-        known = [name for name in sorted(FORMATS) if find_format(name).read is not None]
+        known = [each.name for each in all_formats() if each.read is not None]
         raise ConversionError(
             f"{found.title} can only be written, got format={format!r}. Formats to read: "
             f"{', '.join(known)}."
@@ -135,16 +135,8 @@ def store_imported(
 ) -> None:
     """Writes a dataset with its card; it appears at `out` once nothing contradicts its metadata.
 
-    Args:
-        source: of the data, for messages.
-        out: locked by the caller.
-        origin: of the dataset.
-        episodes: in order.
-        splits: code of each episode's split; None to draw them as `origin` says.
-
-    Raises:
-        ConversionError: rows contradict the metadata, or no episode is in the train split.
-        BuildError: another dataset is at `out`.
+    The caller has locked `out`; `source` names the data in messages, and `splits` are codes of each
+    episode, None to draw them as `origin` says.
     """
     if not is_vacant(out):  # either this dataset, finished before, or an error
         assemble(out, recipe=origin, parts={}, order=[])

@@ -73,23 +73,21 @@ _CHUNK_ROWS = 4096
 def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as one HDF5 file."""
     with create_hdf5(path) as (file, check):
-        for name, (shape, dtype) in row_shapes(dataset).items():
+        shapes = row_shapes(dataset)
+        for name, (shape, dtype) in shapes.items():
             flat = (int(np.prod(shape)),) if _is_joint(name) else shape
             _create(file, _TIME_KEYS[name], dataset.n_steps, flat, dtype)
-        _create(file, "rewards", dataset.n_steps, (), np.dtype(np.float32))
-        has_costs = "events" in row_shapes(dataset)
-        if has_costs:  # as in DSRL, of the whole team
-            _create(file, "costs", dataset.n_steps, (), np.dtype(np.float32))
+        for name in ("rewards", "costs") if "events" in shapes else ("rewards",):  # as in DSRL
+            _create(file, name, dataset.n_steps, (), np.dtype(np.float32))
         for first, arrays in step_blocks(dataset):
+            rows = slice(first, first + len(arrays["rewards"]))
             for name, values in arrays.items():
-                rows = values.reshape(len(values), -1) if _is_joint(name) else values
-                file[_TIME_KEYS[name]][first : first + len(rows)] = rows
+                flat_values = values.reshape(len(values), -1) if _is_joint(name) else values
+                file[_TIME_KEYS[name]][rows] = flat_values
             team = arrays["rewards"].mean(axis=1, dtype=np.float64)
-            file["rewards"][first : first + len(team)] = team.astype(np.float32)
-            if has_costs:
-                costs = costs_of(arrays["events"])
-                assert costs is not None
-                file["costs"][first : first + len(costs)] = costs.sum(axis=(1, 2))
+            file["rewards"][rows] = team.astype(np.float32)
+            if "events" in arrays and (costs := costs_of(arrays["events"])) is not None:
+                file["costs"][rows] = costs.sum(axis=(1, 2))
             check()
         file[NOTE_KEY] = note_of(dataset, frame).to_json()
         layouts = dataset.episodes.layouts
@@ -108,11 +106,7 @@ def _create(file: Any, key: str, n_rows: int, shape: tuple[int, ...], dtype: np.
 
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens a file that this library or others wrote in the style of D4RL.
-
-    Raises:
-        ConversionError: it is no such file, or is ambiguous.
-    """
+    """Opens a file that this library or others wrote in the style of D4RL."""
     with open_hdf5(source) as file:
         if NOTE_KEY in file:
             yield _read_exported(file, source)
@@ -146,11 +140,7 @@ _OPTIONAL_KEYS = ("timeouts", "next_observations")
 
 
 def read_foreign_file(file: Any, source: Path, task: str, choices: Choices) -> ImportedData:
-    """Imports flat arrays: of one agent, of several concatenated agents, or with an agent axis.
-
-    Raises:
-        ConversionError: it is no such file, or is ambiguous.
-    """
+    """Imports flat arrays: of one agent, of several concatenated agents, or with an agent axis."""
     absent = [name for name in _REQUIRED_KEYS if name not in file]
     if absent:
         raise ConversionError(

@@ -16,10 +16,10 @@ from swarmdata.interop.conversion.dataset_facts import (
     DATASET_FACTS,
     NEXT_PREFIX,
     Arrays,
+    recorded_agents,
     step_blocks,
 )
 from swarmdata.interop.conversion.hdf5_writer import create_hdf5
-from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
 from swarmdata.specs.spaces import width
 

@@ -60,35 +60,20 @@ def export_dataset(
 def in_frame(dataset: Dataset, anchor: str) -> Dataset:
     """Returns the episodes of a subset with observations and actions turned, all others as zeros.
 
-    They are those of `learn.training.training_data`: after the observation's own numbers come the
-    numbers that the frame adds, `Frame.names`. States, messages and layouts stay in the world's
-    frame. Large new arrays are in files without a name, as those of `Dataset.reobserve` are.
-
-    Args:
-        dataset: to turn.
-        anchor: of the frame, as `frames.find_frame` takes it; `world` changes nothing.
-
-    Raises:
-        SpecError: the dataset cannot have such a frame.
-        DiskFullError: the new arrays are large, and no space is left.
+    After an observation's own numbers come those that the frame adds, as in
+    `learn.training.training_data`. States, messages and layouts stay in the world's frame. Large
+    new arrays are in files without a name, as those of `Dataset.reobserve` are.
     """
     frame = frame_of(dataset.spec, anchor)
     if frame is None:
         return dataset
     stored, arrays = dataset.stored, dataset.stored.arrays
     shape, kept = arrays["observations"].shape, arrays["actions"]
-    new = new_arrays(
-        {
-            "observations": ((*shape[:-1], shape[-1] + frame.n_added), np.dtype(np.float32)),
-            "actions": (kept.shape, kept.dtype),
-        }
-    )
+    wider = ((*shape[:-1], shape[-1] + frame.n_added), np.dtype(np.float32))
+    new = new_arrays({"observations": wider, "actions": (kept.shape, kept.dtype)})
     everything = np.arange(len(stored.table))
     turned = replace(dataset, stored=replace(stored, arrays={**arrays, **new}))
-    recorded, written = (
-        replace(dataset, selection=everything),
-        replace(turned, selection=everything),
-    )
+    recorded, written = (replace(each, selection=everything) for each in (dataset, turned))
     chosen = np.isin(everything, dataset.selection).tolist()
     reads = MappedReads((arrays["observations"], kept, *new.values()))
     for source, target, is_chosen in zip(recorded, written, chosen, strict=True):

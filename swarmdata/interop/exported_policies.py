@@ -20,8 +20,7 @@ from swarmdata.specs.origins.log_map import Motion
 from swarmdata.specs.spaces import DictSpace, Space, TupleSpace, width
 from swarmdata.specs.task_spec import TaskSpec
 
-SUFFIXES = (".onnx", ".py")
-"""Of files that a policy can become."""
+SUFFIXES = (".onnx", ".py")  # of files that a policy can become
 
 
 def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
@@ -100,22 +99,17 @@ def _columns(space: Space, name: str) -> list[str]:
 
 
 def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
-    """What actions in [-1, 1] mean: middle + half * action, for each robot, in SI units.
-
-    An action is first scaled down to the p-norm 1 if it is longer, with p = `norm`, unless None.
-    `stop` is the command that stops a robot, None where this is not known: zero stops none that is
-    commanded by accelerations.
-    """
+    """What actions mean: middle + half * action, in SI units; `stop` is None where not known."""
     if isinstance(spec, TaskSpec):
         commands = []
         for robot in spec.robots:
             is_speed = robot.command == "velocity"
             most = robot.max_speed if is_speed else robot.max_acceleration
-            is_turning = robot.dynamics == "unicycle"
-            half = [most, robot.max_turn_rate if is_turning else most]
+            half = [most, robot.max_turn_rate if robot.dynamics == "unicycle" else most]
             stop = [0.0, 0.0] if is_speed else None
-            command = {"middle": [0.0, 0.0], "half": half, "norm": robot.command_norm, "stop": stop}
-            commands.append(command)
+            commands.append(
+                {"middle": [0.0, 0.0], "half": half, "norm": robot.command_norm, "stop": stop}
+            )
         return {"time_step": spec.control_dt, "commands": commands}
     if spec.action_kind == "choices":
         raise PolicyFitError(

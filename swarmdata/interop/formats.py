@@ -45,11 +45,7 @@ class Format:
 
 
 def find_format(name: str) -> Format:
-    """Imports the format `name`.
-
-    Raises:
-        UnknownNameError: with the nearest known name.
-    """
+    """Imports the format `name`, or raises UnknownNameError."""
     found: Format = resolve("format", FORMATS, name)
     return found
 

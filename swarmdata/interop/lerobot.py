@@ -17,9 +17,13 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.hub.publishing.metadata.episode_parquet import arrow
-from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, NOTED_FACTS, Arrays
+from swarmdata.interop.conversion.dataset_facts import (
+    DATASET_FACTS,
+    NOTED_FACTS,
+    Arrays,
+    recorded_agents,
+)
 from swarmdata.interop.conversion.export_note import NOTE_FILE, write_note
-from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.formats import Format
 from swarmdata.interop.parquet import list_column
 from swarmdata.perception.observer import features_of
@@ -34,8 +38,7 @@ LAYOUT_VERSION = "v3.0"
 FILE_BYTES = 100 << 20
 """A file of frames holds at most about so many bytes of numbers, as LeRobot's own."""
 
-CHUNK_FILES = 1000
-"""Files in a folder, likewise."""
+CHUNK_FILES = 1000  # files in a folder, likewise
 
 KEPT_NAMES = {
     "observations": "observation.state, without the last",
@@ -55,12 +58,7 @@ _EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
-    """Writes a view as one LeRobot dataset.
-
-    Raises:
-        ConversionError: the robots do not act a whole number of times a second.
-        MissingExtraError: the extra `parquet` is not installed.
-    """
+    """Writes a view as one LeRobot dataset."""
     library, fps = arrow(), _fps(dataset)
     order = np.argsort(dataset.episodes.split, kind="stable")
     dataset = replace(dataset, selection=dataset.selection[order])
@@ -196,12 +194,9 @@ def _total(rows: list[dict[str, Any]]) -> dict[str, dict[str, list[float]]]:
 
 def _info(dataset: Dataset, fps: int) -> dict[str, Any]:
     lengths, splits = dataset.episodes.lengths, dataset.episodes.split
-    ranges = {
-        name: f"{first}:{first + count}"
-        for code, name in enumerate(SPLITS)
-        if (count := int((splits == code).sum()))
-        for first in [int((splits < code).sum())]
-    }
+    ends = np.cumsum(np.bincount(splits, minlength=len(SPLITS))).tolist()
+    bounds = zip(SPLITS, [0, *ends], ends, strict=False)
+    ranges = {name: f"{first}:{stop}" for name, first, stop in bounds if first < stop}
     return {
         "codebase_version": LAYOUT_VERSION,
         "robot_type": "swarmdata",

@@ -29,6 +29,8 @@ from swarmdata.interop.conversion.dataset_facts import (
     STATE_ARRAYS,
     TIME_ARRAYS,
     array_names,
+    recorded_agents,
+    split_rows,
 )
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.foreign_data import unread_note
@@ -40,7 +42,6 @@ from swarmdata.interop.conversion.imported_data import (
     ImportedData,
     build_episode,
 )
-from swarmdata.interop.conversion.space_columns import recorded_agents, split_rows
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.numerics.event_costs import costs_of
@@ -84,8 +85,7 @@ KEPT_NAMES = {
     **dict.fromkeys(NOTED_FACTS, "metadata.json"),
 }
 
-_SPARE_BYTES = 4 << 20
-"""Bytes that HDF5 may need besides an episode's own, and to close the file."""
+_SPARE_BYTES = 4 << 20  # bytes that HDF5 may need besides an episode's own, and to close the file
 
 _INFO_KEYS = {
     name: key.removeprefix("infos/") for name, key in KEPT_NAMES.items() if "infos/" in key
@@ -106,16 +106,15 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
     from minari.data_collector import EpisodeBuffer  # noqa: PLC0415  (an extra)
 
     agents = recorded_agents(dataset.spec, dataset.stored.arrays["observations"].shape[2])
-    observation = DictSpace(spaces={agent.name: agent.observation for agent in agents})
-    action = DictSpace(spaces={agent.name: agent.action for agent in agents})
+    observation, action = (
+        to_gymnasium(DictSpace(spaces={agent.name: getattr(agent, kind) for agent in agents}))
+        for kind in ("observation", "action")
+    )
     path.mkdir()
     storage = storage_type.new(
-        path / "data",
-        observation_space=to_gymnasium(observation),
-        action_space=to_gymnasium(action),
-        data_format="hdf5",
+        path / "data", observation_space=observation, action_space=action, data_format="hdf5",
         jpeg_encoding=False,
-    )
+    )  # fmt: skip
     names = array_names(dataset)
     storage.update_episodes(
         EpisodeBuffer(seed=np.uint64(episode.seed), **_buffers(episode, agents, names))
@@ -163,10 +162,7 @@ def misplaced(dataset: Dataset, path: Path) -> str | None:
 
 
 def _while_there_is_room(dataset: Dataset, path: Path) -> Iterator[Episode]:
-    """Yields episodes; raises before the disk is full.
-
-    Minari opens the file itself, and the HDF5 library crashes the process if a write fails.
-    """
+    """Yields episodes; raises before a full disk would crash HDF5, whose file Minari opens."""
     reads = MappedReads(dataset.stored.arrays.values())
     for episode in dataset:
         arrays = [getattr(episode, name) for name in episode.__slots__]
@@ -183,8 +179,7 @@ def _buffers(
     infos = {key: getattr(episode, name) for name, key in _INFO_KEYS.items() if name in names}
     if episode.layout.size:
         infos["layout"] = episode.layout
-    costs = costs_of(episode.events)
-    if costs is not None:
+    if (costs := costs_of(episode.events)) is not None:
         infos["costs"] = costs
     observations, actions = (
         {agent.name: split_rows(getattr(agent, kind), rows[:, k]) for k, agent in enumerate(agents)}
@@ -206,9 +201,6 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 
     The entries of its Dict spaces are the agents if this library wrote it, or if `choices.agents`
     names exactly their keys. Otherwise there is one agent.
-
-    Raises:
-        ConversionError: it is no such folder, or its contents contradict each other.
     """
     folder = source / "data" if (source / "data").is_dir() else source
     if not (folder / "metadata.json").is_file():
@@ -336,11 +328,9 @@ def _exported_episodes(
 ) -> Iterator[Episode]:
     for k, data in enumerate(_episodes(source, found)):
         rows = _joint(data, agents, source, is_team=True)
-        for name, key in _INFO_KEYS.items():
-            if name in TIME_ARRAYS and key in data.infos:
-                rows[name] = data.infos[key]
-        where = f"{source}, episode {data.id}"
-        rows |= _flags(data, where)
+        kept = {name: key for name, key in _INFO_KEYS.items() if name in TIME_ARRAYS}
+        rows |= {name: data.infos[key] for name, key in kept.items() if key in data.infos}
+        rows |= _flags(data, f"{source}, episode {data.id}")
         _check_rows(source, data, rows)
         yield note.episode(k, rows, data.infos.get("layout"))
 

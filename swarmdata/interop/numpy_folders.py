@@ -26,6 +26,7 @@ from swarmdata.interop.conversion.dataset_facts import (
     NEXT_PREFIX,
     NOTED_FACTS,
     Arrays,
+    recorded_agents,
     step_blocks,
 )
 from swarmdata.interop.conversion.export_note import (
@@ -46,7 +47,6 @@ from swarmdata.interop.conversion.foreign_rows import (
     share_choices,
 )
 from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
-from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
 from swarmdata.specs.origins import RecordedAgent
@@ -105,11 +105,7 @@ def _columns(arrays: Arrays, agents: Sequence[RecordedAgent]) -> Iterator[tuple[
 
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens a folder that this library wrote, one of others, or a folder of several.
-
-    Raises:
-        ConversionError: files are missing or do not fit together, or the ends are ambiguous.
-    """
+    """Opens a folder that this library wrote, one of others, or a folder of several."""
     if (note := read_note(source)) is not None:
         yield _read_exported(source, note)
     else:
@@ -147,11 +143,7 @@ Agents = Sequence[Arrays]
 
 
 def read_foreign(source: Path, task: str, choices: Choices) -> ImportedData:
-    """Opens a folder, or a folder of folders in the order of their names.
-
-    Raises:
-        ConversionError: files are missing or do not fit together, or the ends are ambiguous.
-    """
+    """Opens a folder, or a folder of folders in the order of their names."""
     folders = [path.parent for path in (*source.glob("obs_0.npy"), *source.glob("*/obs_0.npy"))]
     if not folders:
         raise ConversionError(
@@ -189,14 +181,9 @@ def _agents(folder: Path, n_agents: int) -> Agents:
     has_states = (folder / "states_0.npy").exists()
     names = (*_REQUIRED_PREFIXES, *(_STATE_PREFIXES if has_states else ()))
     agents = [
-        {name: _map_array(folder / f"{name}_{agent}.npy") for name in names}
-        for agent in range(n_agents)
+        {name: _map_array(folder / f"{name}_{k}.npy") for name in names} for k in range(n_agents)
     ]
-    rows = {
-        f"{name}_{k}": len(values)
-        for k, agent in enumerate(agents)
-        for name, values in agent.items()
-    }
+    rows = {f"{name}_{k}": len(each[name]) for k, each in enumerate(agents) for name in names}
     check_lengths(rows, str(folder))
     return agents
 

@@ -122,11 +122,7 @@ def list_column(values: NDArray[Any]) -> Any:
 
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens a folder that this library wrote, or one Parquet file of steps.
-
-    Raises:
-        ConversionError: it is neither, lacks columns, or is ambiguous.
-    """
+    """Opens a folder that this library wrote, or one Parquet file of steps."""
     if (note := read_note(source)) is not None:
         yield _read_exported(source, note)
         return
@@ -164,11 +160,7 @@ _OPTIONAL_COLUMNS = ("next_observations", "states", "next_states", "truncations"
 
 
 def read_foreign_file(path: Path, task: str, choices: Choices) -> ImportedData:
-    """Imports a file of steps.
-
-    Raises:
-        ConversionError: it is no such file, or is ambiguous.
-    """
+    """Imports a file of steps."""
     table = Table.open(path, (*_REQUIRED_COLUMNS, *_OPTIONAL_COLUMNS))
     absent = [name for name in _REQUIRED_COLUMNS if name not in table.columns]
     if absent:
@@ -186,13 +178,9 @@ def read_foreign_file(path: Path, task: str, choices: Choices) -> ImportedData:
         for name in ("terminations", "truncations")
         if name in names
     }
-    timeline = Timeline(
-        str(path),
-        flags["terminations"],
-        flags.get("truncations"),
-        table.reader(sorted(names - set(flags))),
-        "next_observations" in names,
-    )
+    terminals, truncations = flags["terminations"], flags.get("truncations")
+    reader, has_next = table.reader(sorted(names - set(flags))), "next_observations" in names
+    timeline = Timeline(str(path), terminals, truncations, reader, has_next)
     unread = sorted(set(table.names) - names)
     return import_without_note(task, shapes, [timeline], choices, unread=unread)
 
@@ -209,11 +197,7 @@ class Table:
 
     @classmethod
     def open(cls, path: Path, wanted: Sequence[str]) -> "Table":
-        """Opens the columns of a file that are wanted, where it has them.
-
-        Raises:
-            ConversionError: it is not a Parquet file, is empty, or a column is not of numbers.
-        """
+        """Opens the columns of a file that are wanted, where it has them; they hold numbers."""
         file = _open(path)
         if not file.metadata.num_rows:
             raise ConversionError(f"{path} has no rows, expected at least 1")

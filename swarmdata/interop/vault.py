@@ -103,10 +103,7 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
 
 @contextlib.contextmanager
 def _ended(folder: Path) -> Iterator[None]:
-    """Waits, where a write fails, until TensorStore's threads have ended those of other leaves.
-
-    Flashbax keeps no handle of them, and they would make again the folder that the caller removes.
-    """
+    """Where a write fails, waits for TensorStore's threads, which would make the folder again."""
     try:
         yield
     except Exception:
@@ -139,11 +136,7 @@ def _leaves(arrays: Arrays) -> dict[str, Any]:
 
 @contextlib.contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens the folder of a vault's uid, such as `3m.vlt/Good`.
-
-    Raises:
-        ConversionError: it is no such folder, or is ambiguous.
-    """
+    """Opens the folder of a vault's uid, such as `3m.vlt/Good`."""
     try:
         metadata = read_document(source / "metadata.json")
         names = _names(metadata["structure_shape"])
@@ -197,8 +190,8 @@ def _open(source: Path, name: str) -> Any:
 
 
 def _row_bytes(leaves: Mapping[str, Any]) -> int:
-    return int(sum(np.prod(leaf.shape[2:]) * leaf.dtype.numpy_dtype.itemsize
-                   for leaf in leaves.values()))  # fmt: skip
+    sizes = (np.prod(leaf.shape[2:]) * leaf.dtype.numpy_dtype.itemsize for leaf in leaves.values())
+    return int(sum(sizes))
 
 
 def _rows(

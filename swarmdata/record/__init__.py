@@ -1,9 +1,4 @@
-"""Recording of PettingZoo `ParallelEnv`s, VMAS and JAX environments as datasets.
-
-`Recorder` records what passes through it, `recover` finishes the recording of a killed process,
-`record_vmas` and `record_jax` play a policy in all copies of an environment of VMAS, JaxMARL or
-CAMAR, and `evaluate_parallel` plays a trained policy in the environment that was recorded.
-"""
+"""Recording of PettingZoo `ParallelEnv`s, VMAS and JAX environments as datasets."""
 
 from swarmdata.record.foreign_rollout import evaluate_parallel, policy_actions, step_of
 from swarmdata.record.jax_environments import record_jax

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
 from typing import Any
 
 import numpy as np
@@ -28,8 +29,7 @@ from swarmdata.types import Bool, Float, FloatOrByte
 ACTION_MASK_KEY = "action_mask"
 """Key of the action mask in an agent's info or observation (PettingZoo, "Action Masking")."""
 
-SUCCESS_KEYS = ("success", "is_success")
-"""Keys of infos that tell whether the task was solved."""
+SUCCESS_KEYS = ("success", "is_success")  # keys of infos that tell whether the task was solved
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,7 @@ class AgentReader:
         return np.array([name in present for name in self.names])
 
     def observations(self, given: Mapping[Any, Any], seen: Bool) -> tuple[FloatOrByte, FloatOrByte]:
-        """Observations of all agents; zeros for absent ones.
-
-        Args:
-            given: observations by agent.
-            seen: agents that are present or have just left, [N].
+        """Observations of the agents that are seen, [N], zeros for others.
 
         Returns:
             rows padded to the widest agent, [N, O], and their concatenation without padding; uint8
@@ -104,10 +100,7 @@ class AgentReader:
         return any(_mask_of(name, observations, infos) is not None for name in self.names)
 
     def masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool) -> Bool:
-        """Allowed choices, [N, C]: all for a living agent without a mask, none for a dead one.
-
-        The choices of a multi-discrete action are those of its parts, one after the other.
-        """
+        """Allowed choices of each action's parts, [N, C]: all without a mask, none of the dead."""
         counts = [n_choices(agent.action) for agent in self.agents]
         masks = np.zeros((len(counts), max(counts)), dtype=np.bool_)
         for index, (name, count) in enumerate(zip(self.names, counts, strict=True)):
@@ -138,7 +131,7 @@ class AgentReader:
 
     def _require(self, given: Mapping[Any, Any], wanted: Bool, what: str) -> dict[Any, Any]:
         """The given values of the wanted agents; none may be missing."""
-        names = [name for name, is_wanted in zip(self.names, wanted, strict=True) if is_wanted]
+        names = list(compress(self.names, wanted))
         if missing := [name for name in names if name not in given]:
             raise SchemaError(f"no {what} of {missing}, expected one of each of {names}")
         return {name: given[name] for name in names}
@@ -171,23 +164,14 @@ class Presence:
         return cls(reader, alive, np.zeros_like(alive))
 
     def step(self, ended: Bool, present: Sequence[Any]) -> Bool:
-        """Takes a step; returns which agents act next, [N].
-
-        Args:
-            ended: agents with a flag in this step, [N].
-            present: the environment's `agents` after it.
-
-        Raises:
-            SchemaError: an agent is gone without a flag, so that nobody knows why it ended.
-        """
+        """Which agents act next, [N], given those with a flag; SchemaError if one left without."""
         listed = self.reader.alive(present)
         lost = self.alive & ~ended & ~listed
         if lost.any():
-            names = [name for name, is_lost in zip(self.reader.names, lost, strict=True) if is_lost]
             raise SchemaError(
-                f"agents {names} are no longer in `agents`, but were neither terminated nor "
-                "truncated, so nobody knows whether to bootstrap. Let the environment set one of "
-                "the flags in the step in which an agent leaves."
+                f"agents {list(compress(self.reader.names, lost))} are no longer in `agents`, but "
+                "were neither terminated nor truncated, so nobody knows whether to bootstrap. Let "
+                "the environment set one of the flags in the step in which an agent leaves."
             )
         self.gone = (self.gone | ended) & listed
         self.alive = listed & ~self.gone
@@ -204,12 +188,9 @@ def combine_outcomes(successes: Iterable[bool]) -> Outcome:
 
 def n_choices(space: Space) -> int:
     """Number of entries of an action mask; 0 for actions that are not discrete."""
-    match space:
-        case DiscreteSpace():
-            return space.n
-        case MultiDiscreteSpace():
-            return sum(space.n)
-    return 0
+    if isinstance(space, DiscreteSpace):
+        return space.n
+    return sum(space.n) if isinstance(space, MultiDiscreteSpace) else 0
 
 
 def _mask_of(name: Any, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> Any:

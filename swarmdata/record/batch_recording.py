@@ -19,12 +19,7 @@ from swarmdata.types import END_REASONS, Bool, Episode, Float, FloatOrByte, no_m
 
 
 def check_request(path: Path | str, policies: Sequence[str | PolicySource]) -> None:
-    """Checks what can be checked before an environment is touched.
-
-    Raises:
-        BuildError: `path` exists.
-        SpecError: there is not just one policy.
-    """
+    """Checks what can be checked before an environment is touched: the path, and one policy."""
     if not is_vacant(Path(path)):
         raise BuildError(f"{path} exists. Record to another path, or move it away.")
     if len(policies) != 1:
@@ -39,20 +34,10 @@ def record_batches(
     play: Callable[[SeedStream], Sequence[Episode]],
     drawn: Callable[[int], int],
 ) -> Dataset:
-    """Plays batches until there are enough episodes, and makes a dataset of them.
+    """Plays batches, by seeds that `play` draws, until there are enough episodes; makes a dataset.
 
-    Args:
-        recording: what is recorded, of one policy.
-        path: folder of the dataset; a recording that was killed there goes on.
-        n_episodes: number of episodes of the dataset.
-        limits: when finished episodes are written.
-        play: plays a batch, with seeds that it draws.
-        drawn: the seed that was drawn for an episode, from the episode's own.
-
-    Raises:
-        BuildError: another process is recording to `path`, or it holds another recording.
-        SchemaError: an episode has values that are not finite, or actions that are not in their
-            space; the episodes before it are kept.
+    A recording that was killed at `path` goes on; `drawn` gives the seed that was drawn for an
+    episode, from the episode's own.
     """
     folder = RecordingFolder(Path(path), limits)
     spec = recording.spec
@@ -67,10 +52,8 @@ def record_batches(
             while (missing := n_episodes - folder.n_episodes) > 0:
                 for episode in play(seeds)[:missing]:
                     check_episode(episode)
-                    acting = np.ones(episode.rewards.shape, np.bool_)
-                    if episode.alive is not None:
-                        acting = episode.alive[:-1]
-                    allowed.check(episode.actions, acting, spec.agent_names)
+                    assert episode.alive is not None  # `played_episode` sets it
+                    allowed.check(episode.actions, episode.alive[:-1], spec.agent_names)
                     folder.add(episode)
                     bar.update()
         return folder.finish()
@@ -87,15 +70,8 @@ def played_episode(
 ) -> Episode:  # fmt: skip
     """One copy's episode; what agents observe and do after they have left becomes zero.
 
-    Args:
-        seed: of the episode.
-        observations: [T + 1, N, O].
-        states: [T + 1, S].
-        actions: [T, N, A].
-        rewards: [T, N].
-        ended: which agents have ended, [T, N]; in the last step all do.
-        is_cut: whether the last step truncates those that are left.
-        reason: of the end.
+    Of T steps come observations [T + 1, N, O], states [T + 1, S], actions [T, N, A], rewards and
+    who has ended, [T, N] each; in the last step all do, truncated if `is_cut`.
     """
     T, N = ended.shape
     gone = np.logical_or.accumulate(ended, axis=0)

@@ -1,7 +1,8 @@
 """Plays trained policies in the environments that datasets were recorded in."""
 
 from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from itertools import compress
+from typing import Any
 
 import numpy as np
 
@@ -14,19 +15,10 @@ from swarmdata.record.recording_description import describe_agents, state_source
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import to_float32, unflatten
-from swarmdata.types import Bool, EvalResult, Float, FloatOrByte, Seeds, Step, blank_step
+from swarmdata.types import Bool, EvalResult, FloatOrByte, Seeds, Step, blank_step
 
 PLAYED_METRICS = ("return", "length", "success")
 """Metrics of each episode; success is NaN if the environment does not report it."""
-
-
-@runtime_checkable
-class ChoosesAmong(Protocol):
-    """A policy that takes action masks into account."""
-
-    def act_among(self, step: Step, allowed: Bool) -> Float:
-        """Returns joint actions [E, N, A] among the allowed choices, bool [E, N, C]."""
-        ...
 
 
 def policy_actions(
@@ -48,8 +40,8 @@ def policy_actions(
     scale = None if choices else action_scale(spec)
     if allowed is None:
         actions = policy.act(step)[0]
-    elif isinstance(policy, ChoosesAmong):
-        actions = policy.act_among(step, allowed[None])[0]
+    elif act_among := getattr(policy, "act_among", None):
+        actions = act_among(step, allowed[None])[0]
     else:
         raise SchemaError(
             "the environment has action masks, but the policy ignores them: "
@@ -151,10 +143,8 @@ def _play(
         with limit:  # not while the environment works
             chosen = policy_actions(policy, spec, step, allowed)
         acted = alive
-        names = [name for name, is_acting in zip(reader.names, acted, strict=True) if is_acting]
-        observations, rewards, terminations, truncations, infos = env.step(
-            {name: chosen[str(name)] for name in names}
-        )
+        actions = {name: chosen[str(name)] for name in compress(reader.names, acted)}
+        observations, rewards, terminations, truncations, infos = env.step(actions)
         ended = reader.flags(terminations, acted) | reader.flags(truncations, acted)
         alive = presence.step(ended, env.agents)
         seen = alive | acted

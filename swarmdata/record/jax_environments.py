@@ -93,13 +93,15 @@ def record_jax(
     check_request(path, policies)
     seed = default_seed(id) if seed is None else seed
     world = _world_of(env, horizon, solved)
-    player = _Player(world, policy, horizon)
-    first = SeedStream(seed, set())
-    player.find_horizon([first.draw() for _ in range(n_copies)])
-    library, columns = library_of(env), player.state_columns()
+    player = _Player(world, policy, horizon or world.n_steps)
+    if horizon is None:
+        first = SeedStream(seed, set())
+        played = player.play([first.draw() for _ in range(n_copies)])
+        player.horizon -= max(map(len, played)) < world.n_steps  # none needs the last step
+    (library, version), columns = library_of(env), player.state_columns()
     spec = foreign_spec(
-        world.agents, task or clean_name(type(env).__name__), *library,
-        {**(options or {}), "state": columns}, player.horizon,
+        task or clean_name(type(env).__name__), {**(options or {}), "state": columns},
+        agents=world.agents, library=library, version=version, horizon=player.horizon,
         state_size=sum(map(math.prod, columns.values())), state_from="environment",
     )  # fmt: skip
     recording = make_recording(spec, id, policies, metadata, seed, splits)
@@ -192,11 +194,10 @@ def _space(space: Any, where: str) -> Space:
 class _Player:
     """Plays whole episodes."""
 
-    def __init__(self, world: _World, policy: JaxPolicy, horizon: int | None) -> None:
+    def __init__(self, world: _World, policy: JaxPolicy, horizon: int) -> None:
         import jax  # noqa: PLC0415  (the user's environment has it)
 
-        self._world, self._policy = world, policy
-        self._is_known, self.horizon = horizon is not None, horizon or world.n_steps
+        self._world, self._policy, self.horizon = world, policy, horizon
         self._play = jax.jit(jax.vmap(self._one))
 
     def _one(self, seed: Any) -> Any:
@@ -232,11 +233,6 @@ class _Player:
 
         states = jax.eval_shape(self._one, np.int32(0))[1]
         return {name: list(leaf.shape[1:]) for name, leaf in states.items()}
-
-    def find_horizon(self, seeds: Sequence[int]) -> None:
-        """Sets the horizon, unless it is known: one step less if no episode needs the last one."""
-        if not self._is_known and max(map(len, self.play(seeds))) < self._world.n_steps:
-            self.horizon = self._world.n_steps - 1
 
     def play(self, seeds: Sequence[int]) -> list[Episode]:
         """One episode of each seed; SchemaError if one is longer than the horizon."""

@@ -8,16 +8,13 @@ from pettingzoo.utils.conversions import aec_to_parallel
 
 from swarmdata.errors import SpecError
 
-SINGLE_AGENT = "agent_0"
-"""Name of the agent of a Gymnasium environment."""
+SINGLE_AGENT = "agent_0"  # name of the agent of a Gymnasium environment
 
 
 def as_parallel(env: Any) -> Any:
     """Returns an environment whose agents act at once: itself if it is one.
 
-    Args:
-        env: a `ParallelEnv`, an `AECEnv` that is parallelizable, or a Gymnasium environment, which
-            becomes one with one agent.
+    Agents of an `AECEnv` must be parallelizable; a Gymnasium environment gets one agent.
 
     Raises:
         SpecError: its agents act in turns, or it is several copies of an environment.
@@ -50,21 +47,17 @@ class SingleAgentEnv(ParallelEnv[str, Any, Any]):
 
     @property
     def unwrapped(self) -> Any:
-        """The Gymnasium environment without its wrappers."""
         return self.env.unwrapped
 
     def observation_space(self, agent: str) -> Any:
-        """The environment's observation space."""
         return self.env.observation_space
 
     def action_space(self, agent: str) -> Any:
-        """The environment's action space."""
         return self.env.action_space
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """Starts an episode."""
         observation, info = self.env.reset(seed=seed, options=options)
         self.agents = list(self.possible_agents)
         return {SINGLE_AGENT: observation}, {SINGLE_AGENT: info}
@@ -72,19 +65,15 @@ class SingleAgentEnv(ParallelEnv[str, Any, Any]):
     def step(
         self, actions: dict[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any], dict[str, bool], dict[str, bool], dict[str, Any]]:
-        """Takes a step with the agent's action."""
-        results = self.env.step(actions[SINGLE_AGENT])
         observation, reward, terminated, truncated, info = (
-            {SINGLE_AGENT: value} for value in results
+            {SINGLE_AGENT: value} for value in self.env.step(actions[SINGLE_AGENT])
         )
         if terminated[SINGLE_AGENT] or truncated[SINGLE_AGENT]:
             self.agents = []
         return observation, reward, terminated, truncated, info
 
     def render(self) -> Any:
-        """What the environment renders."""
         return self.env.render()
 
     def close(self) -> None:
-        """Closes the environment."""
         self.env.close()

@@ -14,13 +14,14 @@ from pettingzoo.utils import BaseParallelWrapper
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, UnknownNameError
 from swarmdata.record.agent_reader import AgentReader, Presence
-from swarmdata.record.episode_buffer import EpisodeBuffer, StateRow, StepRow
+from swarmdata.record.episode_buffer import EpisodeBuffer, Row
 from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import (
     StateSource,
     describe_agents,
-    describe_recording,
+    describe_environment,
     is_own_task,
+    make_recording,
     state_source,
 )
 from swarmdata.record.recording_folder import Limits, RecordingFolder, Session
@@ -29,7 +30,7 @@ from swarmdata.runtime.atomic import is_vacant
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.recipe import PolicySource, Splits
 from swarmdata.specs.spaces import to_float32
-from swarmdata.types import Bool, Counts, Float, FloatOrByte, no_messages
+from swarmdata.types import Bool, Float, FloatOrByte, Step, no_messages
 
 
 class UnfinishedEpisodeWarning(UserWarning):
@@ -47,49 +48,25 @@ class EnvironmentReader:
     has_masks: bool  # whether the recording has action masks
 
     @property
-    def is_own_task(self) -> bool:
-        """Whether this is a task of this library, with events, messages and layouts."""
-        return self.spec.world is not None
+    def own_step(self) -> Step | None:
+        """The step of a task of this library, with events, messages and a layout; else None."""
+        return None if self.spec.world is None else self.env.current_step
 
     def state(
         self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool, seen: Bool
-    ) -> StateRow:
-        """The state that was reached.
-
-        Args:
-            observations: by agent.
-            infos: by agent.
-            alive: agents that act next, [N].
-            seen: agents that act next or acted in the step before, [N].
-        """
+    ) -> Row:
+        """The state that was reached; agents are seen if they act next or acted before, [N]."""
         rows, concatenated = self.reader.observations(observations, seen)
-        messages = no_messages(len(alive))
-        if self.is_own_task:
-            step = self.env.current_step
-            messages = {name: getattr(step, name)[0].copy() for name in messages}
-        return StateRow(
-            observations=rows,
-            states=self._state(concatenated),
-            alive=alive,
-            action_masks=self._masks(observations, infos, alive),
+        messages, own = no_messages(len(alive)), self.own_step
+        if own is not None:
+            messages = {name: getattr(own, name)[0].copy() for name in messages}
+        return {
+            "observations": rows,
+            "states": self._state(concatenated),
+            "alive": alive,
+            "action_masks": self._masks(observations, infos, alive),
             **messages,
-        )
-
-    def events(self) -> Counts:
-        """Safety events of the last step, [N, 4], or [N, 0] for a foreign environment."""
-        if self.is_own_task:
-            return np.array(self.env.current_step.events[0])
-        return np.zeros((len(self.reader.names), 0), dtype=np.uint8)
-
-    def reward_terms(self) -> Float | None:
-        """Unweighted terms of the last step's rewards, [N, R]; None for a foreign environment."""
-        return np.array(self.env.current_step.reward_terms[0]) if self.is_own_task else None
-
-    def layout(self) -> Float:
-        """Obstacles of the episode, [M, 8]."""
-        if self.is_own_task:
-            return np.array(self.env.current_step.layouts[0])
-        return np.zeros((0, 8), dtype=np.float32)
+        }
 
     def _state(self, concatenated: FloatOrByte) -> FloatOrByte:
         """The state, [S], given the concatenated observations; an image of bytes stays uint8."""
@@ -128,14 +105,6 @@ class EnvironmentReader:
 
 class Recorder(BaseParallelWrapper):
     """Records every episode played through it; used like the environment itself.
-
-        with swarmdata.Recorder(env, id="simple_spread_v3-mine-v0", path="mine") as recorder:
-            for _ in range(100):
-                observations, infos = recorder.reset()
-                while recorder.agents:
-                    actions = {agent: ... for agent in recorder.agents}
-                    observations, rewards, _, _, _ = recorder.step(actions)
-        dataset = recorder.close()
 
     Values are stored as float32 copies of those that pass through. Finished episodes are written to
     `<path>.recording/` from time to time. A killed process loses at most the episodes since the
@@ -194,9 +163,8 @@ class Recorder(BaseParallelWrapper):
                 f"{path} exists. Record to another path, or move it away; a published version "
                 "never changes, so give a changed dataset a new version."
             )
-        self._recording = describe_recording(
-            env, id, policies, task, options, horizon, metadata, seed, splits
-        )
+        spec = describe_environment(env, task, options, horizon)
+        self._recording = make_recording(spec, id, policies, metadata, seed, splits)
         self._labels = [source.label for source in self._recording.policies]
         self._reader = AgentReader(tuple(env.possible_agents), describe_agents(env))
         self._state, self._has_log_probs, self._keeps_unfinished = state, log_probs, keep_unfinished
@@ -278,7 +246,9 @@ class Recorder(BaseParallelWrapper):
         self._presence = Presence.after_reset(self._reader, self.env.agents)
         alive = self._presence.alive
         first = self._environment.state(observations, infos, alive, alive)
-        self._buffer = EpisodeBuffer(used, self._policy, self._environment.layout(), [first])
+        own = self._environment.own_step
+        layout = np.zeros((0, 8), np.float32) if own is None else own.layouts[0].copy()
+        self._buffer = EpisodeBuffer(used, self._policy, layout, [first])
         self._log_probs = None
         return observations, infos
 
@@ -297,24 +267,25 @@ class Recorder(BaseParallelWrapper):
         buffer, environment, reader = self._buffer, self._environment, self._reader
         if buffer is None or environment is None:
             raise SchemaError("no episode is running; call reset() first")
-        acted = buffer.states[-1].alive
+        acted: Bool = buffer.states[-1]["alive"]
         taken = reader.actions(actions, acted)  # a copy, before the environment can change them
         log_probs = self._pop_log_probs(acted)
         self._buffer = None  # after a failure, the episode no longer fits the environment
         result = self.env.step(actions)
         observations, rewards, terminations, truncations, infos = result
         ends = reader.flags(terminations, acted), reader.flags(truncations, acted)
-        alive = self._presence.step(ends[0] | ends[1], self.env.agents)
-        step = StepRow(
-            actions=taken,
-            log_probs=log_probs,
-            rewards=reader.numbers(rewards, acted, "reward"),
-            agent_terminations=ends[0],
-            agent_truncations=ends[1] & ~ends[0],
-            events=environment.events(),
-            reward_terms=environment.reward_terms(),
-        )
-        buffer.add(step, environment.state(observations, infos, alive, acted | alive))
+        alive, own = self._presence.step(ends[0] | ends[1], self.env.agents), environment.own_step
+        step: Row = {
+            "actions": taken,
+            "log_probs": log_probs,
+            "rewards": reader.numbers(rewards, acted, "reward"),
+            "agent_terminations": ends[0],
+            "agent_truncations": ends[1] & ~ends[0],
+            "events": np.zeros((len(acted), 0), np.uint8) if own is None else own.events[0].copy(),
+            "reward_terms": None if own is None else own.reward_terms[0].copy(),
+        }
+        buffer.states.append(environment.state(observations, infos, alive, acted | alive))
+        buffer.steps.append(step)
         if alive.any():
             self._buffer = buffer
         else:

@@ -29,57 +29,27 @@ def is_own_task(env: Any) -> bool:
     return isinstance(env, ParallelWorld)
 
 
-def describe_recording(
-    env: Any,
-    id: str,
-    policies: Sequence[str | PolicySource],
-    task: str | None,
-    options: Mapping[str, Any] | None,
-    horizon: int | None,
-    metadata: Mapping[str, str] | None,
-    seed: int | None,
-    splits: Splits | None,
-) -> Recording:
-    """Returns the recording; a foreign spec has no states yet, which only a reset shows.
-
-    Raises:
-        SpecError: the environment, the id or the metadata cannot be stored.
-    """
+def describe_environment(
+    env: Any, task: str | None, options: Mapping[str, Any] | None, horizon: int | None
+) -> TaskSpec | RecordedSpec:
+    """The spec of an environment; a foreign one has no states yet, which only a reset shows."""
     if is_own_task(env):
         unwanted = {"task": task, "options": options, "horizon": horizon}
         if given := [name for name, value in unwanted.items() if value is not None]:
             raise SpecError(f"the spec of {env.spec.task} already has {given}; leave them out")
-        spec: TaskSpec | RecordedSpec = env.spec
-    else:
-        library, version = library_of(env)
-        spec = foreign_spec(
-            describe_agents(env), task or task_name(env), library, version, options,
-            horizon or horizon_of(env),
-        )  # fmt: skip
-    return make_recording(spec, id, policies, metadata, seed, splits)
+        spec: TaskSpec = env.spec
+        return spec
+    library, version = library_of(env)
+    return foreign_spec(
+        task or task_name(env), options, agents=describe_agents(env), library=library,
+        version=version, horizon=horizon or horizon_of(env),
+    )  # fmt: skip
 
 
-def foreign_spec(
-    agents: Sequence[RecordedAgent],
-    task: str,
-    library: str,
-    version: str,
-    options: Mapping[str, Any] | None,
-    horizon: int | None,
-    state_size: int = 0,
-    state_from: StateSource = "observations",
-) -> RecordedSpec:
-    """The spec of a foreign environment; a size of 0 is that of states before the first reset."""
-    content = {
-        "task": task,
-        "library": library,
-        "version": version,
-        "options": dict(options or {}),
-        "agents": tuple(agents),
-        "state_size": state_size,
-        "state_from": state_from,
-        "horizon": horizon,
-    }
+def foreign_spec(task: str, options: Mapping[str, Any] | None, **facts: Any) -> RecordedSpec:
+    """The spec of a foreign environment; without facts, states are those before the first reset."""
+    states = {"state_size": 0, "state_from": "observations"}
+    content = {"task": task, "options": dict(options or {}), **states, **facts}
     return RecordedSpec.parse(content, f"the recording of {task}")
 
 
@@ -91,11 +61,7 @@ def make_recording(
     seed: int | None,
     splits: Splits | None,
 ) -> Recording:
-    """Returns the recording of an environment by some policies; the seed may follow from the id.
-
-    Raises:
-        SpecError: the id does not begin with the environment's name, or two policies share a label.
-    """
+    """The recording of an environment by some policies; SpecError if they or the id do not fit."""
     sources = tuple(
         PolicySource.parse({"label": p, "name": "external"}) if isinstance(p, str) else p
         for p in policies
@@ -123,11 +89,7 @@ def make_recording(
 def state_source(
     env: Any, reader: AgentReader, wanted: Literal["auto", "environment", "observations"]
 ) -> tuple[StateSource, int]:
-    """Where states come from, and their size; to be called right after a reset.
-
-    Raises:
-        SchemaError: `state()` is wanted or exists, and fails.
-    """
+    """Where states come from right after a reset, and their size; SchemaError if they fail."""
     if wanted != "observations":
         try:
             return "environment", int(np.asarray(env.state()).size)
@@ -140,11 +102,7 @@ def state_source(
 
 
 def describe_agents(env: Any) -> tuple[RecordedAgent, ...]:
-    """Describes all possible agents of a `ParallelEnv`, in its order.
-
-    Raises:
-        SpecError: there are none, or a space cannot be stored.
-    """
+    """All possible agents of a `ParallelEnv`, in its order; SpecError if they cannot be stored."""
     names = getattr(env, "possible_agents", None)
     if not names:
         raise SpecError(

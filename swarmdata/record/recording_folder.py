@@ -1,7 +1,6 @@
-"""The folder of an unfinished recording: parts that survive a crash, and the dataset made of them.
+"""The folder of an unfinished recording, `<path>.recording/`, and the dataset made of it.
 
-`<path>.recording/` holds `session.json`, which describes the recording, and immutable parts. A
-process that is killed loses only the episodes that were not yet in a part.
+`session.json` describes the recording. A killed process loses what is not yet in immutable parts.
 """
 
 import re
@@ -58,11 +57,7 @@ class Limits:
 
 
 class RecordingFolder:
-    """The parts of one recording, locked by one process at a time.
-
-    Raises:
-        BuildError: another process holds the lock.
-    """
+    """The parts of one recording; BuildError if another process holds the lock."""
 
     def __init__(self, path: Path, limits: Limits | None = None) -> None:
         self.path, self._limits = path, limits or Limits()
@@ -85,12 +80,7 @@ class RecordingFolder:
         return Session.from_file(note) if note.exists() else None
 
     def claim(self, session: Session) -> None:
-        """Begins the recording, or checks that the unfinished one has the same description.
-
-        Raises:
-            BuildError: the folder has other files.
-            RecipeConflictError: the descriptions differ.
-        """
+        """Begins the recording, or continues one with the same description; else it is refused."""
         stored = self.session()
         if stored is None:
             if self.folder.exists() and any(self.folder.iterdir()):
@@ -138,13 +128,7 @@ class RecordingFolder:
         return {seed for part in parts for seed in read_part_table(part)["seed"].tolist()}
 
     def finish(self) -> Dataset:
-        """Makes the dataset of all finished episodes, with its card, and removes the folder.
-
-        Raises:
-            BuildError: there is no finished episode, or none falls into the train split.
-            RecipeConflictError: another dataset appeared at the path.
-            DatasetError: a part is damaged.
-        """
+        """Makes the dataset of all finished episodes, with its card, and removes the folder."""
         session = self.session()
         is_published = not is_vacant(self.path)  # by a process that was killed before it cleaned up
         if session is None or not (self._unwritten or _parts(self.folder) or is_published):
@@ -204,14 +188,7 @@ class RecordingContents:
 
 
 def inspect_recording(path: Path | str) -> RecordingContents:
-    """Counts the episodes of an unfinished recording, which may be running.
-
-    Args:
-        path: where the dataset will be, or its `.recording` folder.
-
-    Raises:
-        DatasetNotFoundError: there is no unfinished recording.
-    """
+    """Counts the episodes of an unfinished recording, which may be running."""
     folder = unfinished_folder(_dataset_path(Path(path)))
     session = Session.from_file(folder / SESSION_FILE)
     counts = {source.label: [0, 0] for source in session.recording.policies}

@@ -9,8 +9,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE, STREAMS, derive
 from swarmdata.types import Seeds
 
-DRAWN_BITS = 31
-"""Bits of drawn seeds; many environments accept at most 32 bits."""
+DRAWN_BITS = 31  # bits of drawn seeds; many environments accept at most 32 bits
 
 _RESET_STREAM = STREAMS["reset"]
 
@@ -33,11 +32,7 @@ class SeedStream:
                 return value
 
     def take(self, seed: int) -> int:
-        """Marks the user's seed as used and returns it.
-
-        Raises:
-            SchemaError: the seed cannot be stored, or is reserved for evaluation.
-        """
+        """Marks the user's seed as used and returns it; SchemaError if it cannot be stored."""
         if not 0 <= seed < EVALUATION_BASE:
             raise SchemaError(
                 f"seed {seed} cannot be recorded: expected 0 to 2**62 - 1; larger seeds are "

@@ -102,11 +102,15 @@ def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> R
         agents.append(RecordedAgent.parse(content, "the scenario"))
     # VMAS loads scenarios from files, without a module's name
     file = Path(type(env.scenario).make_world.__code__.co_filename)
-    name = task or clean_name(file.stem)
-    settings = {"num_envs": env.num_envs, **(options or {})}  # episodes depend on both
-    size = sum(width(agent.observation) for agent in agents)
-    version = library_version("vmas")
-    return foreign_spec(agents, name, "vmas", version, settings, env.max_steps, size)
+    return foreign_spec(
+        task or clean_name(file.stem),
+        {"num_envs": env.num_envs, **(options or {})},  # episodes depend on both
+        agents=tuple(agents),
+        library="vmas",
+        version=library_version("vmas"),
+        horizon=env.max_steps,
+        state_size=sum(width(agent.observation) for agent in agents),
+    )
 
 
 def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[Episode]:
@@ -145,12 +149,13 @@ def _play(env: Any, policy: VmasPolicy, spec: RecordedSpec, seed: int) -> list[E
 def _rows_by_agent(spec: RecordedSpec, given: Any, what: str, n_copies: int) -> list[Float]:
     """Copies of each agent's values as rows, [E, F_i]."""
     values = [given[agent.name] for agent in spec.agents] if isinstance(given, dict) else given
-    number = BoxSpace(shape=(1,), dtype="float32")
-    found = []
-    for agent, value in zip(spec.agents, values, strict=True):
-        space = {"observation": agent.observation, "action": agent.action}.get(what, number)
-        found.append(flatten(space, _arrays(value), f"{what} of {agent.name}", (n_copies,)))
-    return found
+    number = BoxSpace(shape=(1,), dtype="float32")  # of a reward
+    return [
+        flatten(
+            getattr(agent, what, number), _arrays(value), f"{what} of {agent.name}", (n_copies,)
+        )
+        for agent, value in zip(spec.agents, values, strict=True)
+    ]
 
 
 def _arrays(value: Any) -> Any:

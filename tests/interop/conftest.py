@@ -11,7 +11,6 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import find_format
-from swarmdata.record import Recorder
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource
@@ -20,7 +19,7 @@ from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from swarmdata.types import END_REASONS, Episode
-from tests.record.worlds import Seeing, play
+from tests.record.worlds import Seeing, record
 
 AGENTS = (
     RecordedAgent(
@@ -103,10 +102,7 @@ def ours(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 @pytest.fixture(scope="session")
 def images(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     """A recording of two agents that observe images of bytes."""
-    folder = tmp_path_factory.mktemp("images")
-    with Recorder(Seeing(), id="seeing_v0-mine-v0", path=folder / "ds") as recorder:
-        play(recorder, 8)
-    return recorder.close()
+    return record(Seeing(), tmp_path_factory.mktemp("images") / "ds", 8)
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,11 @@ import pytest
 from swarmdata.types import END_REASONS, Episode
 
 Arrays = dict[str, Any]
+NEEDS = {
+    "lerobot": "pyarrow", "minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl",
+    "vault": "flashbax.vault",
+}  # fmt: skip
+TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 def team(n: int = 60, n_agents: int = 2, length: int = 5) -> Arrays:

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -20,6 +19,7 @@ from swarmdata.perception.frames import in_world
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.specs.model_choice import with_models
+from tests.interop.foreign import NEEDS
 from tests.support.pairs import slow
 from tests.support.tiny import make_tiny
 
@@ -29,24 +29,17 @@ def tiny_dataset(tiny: Path) -> Dataset:
     return Dataset.open(tiny)
 
 
-def rows(path: Path) -> dict[str, Any]:
-    """Observations and actions of all robots in a file of D4RL's."""
-    with h5py.File(path) as file:
-        names = ("observations", "next_observations", "actions")
-        return {name: file[name][:] for name in names}
-
-
 def test_exports_hold_what_algorithms_learn_from(tiny_dataset: Dataset, tmp_path: Path) -> None:
     """Row by row the batches of the trainer's sampler, which turns them when they are drawn."""
     path = export_dataset(tiny_dataset, tmp_path / "x.hdf5", format="d4rl", frame="target")
-    found = rows(path)
+    names = ("observations", "next_observations", "actions")
+    with h5py.File(path) as file:
+        found = {name: file[name][:] for name in names}
     n, n_agents = tiny_dataset.n_steps, tiny_dataset.spec.n_agents
     sampler = framed(tiny_dataset, frame_of(tiny_dataset.spec, "target")).sampler(n, seed=0)
     batch = sampler.gather(np.arange(n))
-    np.testing.assert_array_equal(found["actions"], batch.actions.reshape(n, -1))
-    np.testing.assert_array_equal(found["observations"], batch.observations.reshape(n, -1))
-    np.testing.assert_array_equal(found["next_observations"],
-                                  batch.next_observations.reshape(n, -1))  # fmt: skip
+    for name in names:
+        np.testing.assert_array_equal(found[name], getattr(batch, name).reshape(n, -1))
     recorded = tiny_dataset.transitions()["actions"].reshape(n, -1)
     assert np.abs(found["actions"] - recorded).max() > 0.1
     assert found["observations"].shape[1] > n_agents * tiny_dataset[0].observations.shape[-1]
@@ -83,10 +76,6 @@ def test_a_policy_sees_and_acts_in_the_exported_frame(
     np.testing.assert_allclose(frame.recorded(recorded, acted), actions / norm, atol=1e-6)
 
 
-NEEDS = {
-    "lerobot": "pyarrow", "minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl",
-    "vault": "flashbax.vault",
-}  # fmt: skip
 TURNABLE = [name for name in FORMATS if name not in ("mcap", "rosbag2")]
 """Bags hold commands of robots, in the world's frame alone."""
 

@@ -9,7 +9,7 @@ import pytest
 import swarmdata
 from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import PolicyFitError, SpecError
-from swarmdata.interop.exported_policies import export_policy
+from swarmdata.interop.exported_policies import _commands, export_policy
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.task_spec import TaskSpec
 from tests.examples.robot_runner import Runner
@@ -74,8 +74,6 @@ def test_what_is_no_file_for_robots_is_refused(
 
 
 def test_commands_of_tasks() -> None:
-    from swarmdata.interop.exported_policies import _commands
-
     robots = [
         {"dynamics": "unicycle", "max_speed": 0.5, "max_turn_rate": 2.0},
         {"command": "acceleration", "max_acceleration": 1.5},
@@ -90,8 +88,6 @@ def test_commands_of_tasks() -> None:
 
 
 def test_choices_are_refused() -> None:
-    from swarmdata.interop.exported_policies import _commands
-
     agent = {
         "name": "a", "observation": {"kind": "box", "shape": [1], "dtype": "float32"},
         "action": {"kind": "discrete", "n": 3},

@@ -37,19 +37,19 @@ def check_frames(columns: Mapping[str, np.ndarray], dataset: Dataset) -> None:
     first = 0
     for k, episode in enumerate(dataset):
         rows = slice(first, first + len(episode))
-        flat = episode.observations[:-1].reshape(len(episode), -1)
-        np.testing.assert_array_equal(columns["observation.state"][rows], flat)
-        flat = episode.actions.reshape(len(episode), -1)
-        np.testing.assert_array_equal(columns["action"][rows], flat)
-        states = columns["observation.environment_state"][rows]
-        np.testing.assert_array_equal(states, episode.states[:-1])
-        np.testing.assert_array_equal(columns["agent_rewards"][rows], episode.rewards)
+        for name, expected in {
+            "observation.state": episode.observations[:-1].reshape(len(episode), -1),
+            "action": episode.actions.reshape(len(episode), -1),
+            "observation.environment_state": episode.states[:-1],
+            "agent_rewards": episode.rewards,
+            "next.done": episode.terminations,
+            "episode_index": np.full(len(episode), k),
+            "frame_index": np.arange(len(episode)),
+        }.items():
+            np.testing.assert_array_equal(columns[name][rows], expected, err_msg=name)
         np.testing.assert_allclose(
             columns["next.reward"][rows], episode.rewards.mean(1), rtol=1e-6, atol=1e-7
         )
-        np.testing.assert_array_equal(columns["next.done"][rows], episode.terminations)
-        assert set(columns["episode_index"][rows]) == {k}
-        np.testing.assert_array_equal(columns["frame_index"][rows], np.arange(len(episode)))
         first += len(episode)
     np.testing.assert_array_equal(columns["index"], np.arange(first))
 

@@ -1,8 +1,7 @@
 """Folders of OMAR's and CFCQL's NumPy files."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +12,7 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.types import END_REASONS, Episode
+from tests.interop.foreign import TakeIn
 
 LENGTH = 5
 WIDTHS = (3, 4)  # of two agents' observations
@@ -34,14 +34,10 @@ def write_run(folder: Path, n_episodes: int, run: int = 0, states: bool = False)
             "dones": (time == LENGTH - 1).astype(np.float64),
         }
         if states:
-            arrays |= {"states": np.stack([episode, time], 1)}
-            arrays |= {"next_states": np.stack([episode, time + 1], 1)}
+            arrays |= {"states": rows[:, :2], "next_states": after[:, :2]}
         for name, values in arrays.items():
             np.save(folder / f"{name}_{agent}.npy", values)
     return folder
-
-
-TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 def check(episodes: Iterable[Episode], n_episodes: int, run: int = 0) -> None:
@@ -91,19 +87,17 @@ def test_what_does_not_fit_is_refused(ours: Dataset, tmp_path: Path, take_in: Ta
     (tmp_path / "empty").mkdir()
     with pytest.raises(ConversionError, match=r"neither obs_0\.npy nor folders"):
         take_in(tmp_path / "empty", "numpy")
-    absent = write_run(tmp_path / "a", 3)
+    absent, short, objects, wrong = (write_run(tmp_path / name, 3) for name in "abcd")
     (absent / "acs_1.npy").unlink()
-    with pytest.raises(ConversionError, match=r"acs_1\.npy is missing"):
-        take_in(absent, "numpy", time_limit=LENGTH)
-    short = write_run(tmp_path / "b", 3)
     np.save(short / "rews_1.npy", np.zeros(4))
-    with pytest.raises(ConversionError, match="arrays of different lengths"):
-        take_in(short, "numpy", time_limit=LENGTH)
-    objects = write_run(tmp_path / "c", 3)
     np.save(objects / "dones_0.npy", np.array([object()] * 15), allow_pickle=True)
-    with pytest.raises(ConversionError, match="not a NumPy file of numbers"):
-        take_in(objects, "numpy", time_limit=LENGTH)
-    wrong = write_run(tmp_path / "d", 3)
+    for folder, words in (
+        (absent, r"acs_1\.npy is missing"),
+        (short, "arrays of different lengths"),
+        (objects, "not a NumPy file of numbers"),
+    ):
+        with pytest.raises(ConversionError, match=words):
+            take_in(folder, "numpy", time_limit=LENGTH)
     for agent in range(2):
         np.save(wrong / f"dones_{agent}.npy", np.zeros(3 * LENGTH))
     with pytest.raises(ConversionError, match="next_observations of row 4 differs"):

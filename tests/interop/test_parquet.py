@@ -1,8 +1,6 @@
 """Parquet: pyarrow and Hugging Face's `datasets` read what we write."""
 
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -10,13 +8,11 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
 from swarmdata.interop.export import export_dataset
+from tests.interop.foreign import TakeIn, timeline
 from tests.interop.foreign import parquet as write
-from tests.interop.foreign import timeline
 
 pyarrow = pytest.importorskip("pyarrow", reason="the extra 'parquet'")
 parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
-
-TakeIn = Callable[..., Any]  # gives `Taken` of conftest.py
 
 
 def test_columns_are_aligned(recorded: Dataset, tmp_path: Path) -> None:
@@ -53,12 +49,13 @@ def test_hugging_face_datasets_reads_it(
 def test_what_cannot_be_read(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline([3, 5] * 14, [False, True] * 14)
     rest = {name: values for name, values in arrays.items() if name != "rewards"}
-    with pytest.raises(ConversionError, match=r"no columns \['rewards'\]"):
-        take_in(write(tmp_path / "a.parquet", rest), "parquet")
     ragged = np.array([[1.0]] * (8 * 14 - 1) + [[1.0, 2.0]], dtype=object)
-    path = write(tmp_path / "b.parquet", {**arrays, "observations": ragged})
-    with pytest.raises(ConversionError, match="rows of different lengths"):
-        take_in(path, "parquet")
+    for name, given, words in (
+        ("a", rest, r"no columns \['rewards'\]"),
+        ("b", {**arrays, "observations": ragged}, "rows of different lengths"),
+    ):
+        with pytest.raises(ConversionError, match=words):
+            take_in(write(tmp_path / f"{name}.parquet", given), "parquet")
     with pytest.raises(ConversionError, match=r"sizes \{'observations': 2"):
         take_in(write(tmp_path / "c.parquet", arrays), "parquet", n_agents=3)
     (tmp_path / "d.parquet").write_text("no")

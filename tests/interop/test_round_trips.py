@@ -21,9 +21,9 @@ from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import FORMATS, all_formats, find_format
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.types import Episode
+from tests.interop.foreign import NEEDS
 
 PAGE = Path(__file__).parents[2] / "docs/your-data.md"
-NEEDS = {"minari": "minari", "parquet": "pyarrow", "torchrl": "torchrl", "vault": "flashbax.vault"}
 SLOW = ("torchrl", "vault")
 WRITTEN = [
     pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
@@ -55,8 +55,7 @@ def test_a_dataset_survives(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:  # fmt: skip
     """In blocks of a few rows."""
-    if name in NEEDS:
-        pytest.importorskip(NEEDS[name], reason=f"the extra of {name}")
+    pytest.importorskip(NEEDS.get(name, "h5py"), reason=f"the extra of {name}")
     monkeypatch.setattr("swarmdata.interop.conversion.dataset_facts.BLOCK_BYTES", 2000)
     monkeypatch.setattr("swarmdata.interop.conversion.foreign_data.BLOCK_BYTES", 1500)
     monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 1000)
@@ -83,8 +82,7 @@ def test_any_view_survives(
     name: str, data: st.DataObject, ours: Dataset, recorded: Dataset,
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:  # fmt: skip
-    if name in NEEDS:
-        pytest.importorskip(NEEDS[name], reason=f"the extra of {name}")
+    pytest.importorskip(NEEDS.get(name, "h5py"), reason=f"the extra of {name}")
     whole = data.draw(st.sampled_from((ours, recorded)))
     chosen = data.draw(st.sets(st.integers(0, len(whole) - 1), min_size=1))
     view = replace(whole, selection=whole.selection[sorted(chosen)])

@@ -26,14 +26,11 @@ def test_flashbax_reads_it(recorded: Dataset, tmp_path: Path) -> None:
     export_dataset(recorded, tmp_path / "vaults/tag.vlt/mine", format="vault")
     vault = flashbax_vault.Vault("tag.vlt", rel_dir=str(tmp_path / "vaults"), vault_uid="mine")
     experience = vault.read().experience
-    expected = recorded.transitions()
-    pairs = {"observations": "observations", "actions": "actions", "rewards": "rewards"}
-    for theirs, ours in pairs.items():
-        np.testing.assert_array_equal(experience[theirs][0], expected[ours])
-    np.testing.assert_array_equal(experience["infos"]["state"][0], expected["states"])
-    np.testing.assert_array_equal(
-        experience["infos"]["next_observations"][0], expected["next_observations"]
-    )
+    expected, infos = recorded.transitions(), experience["infos"]
+    for name in ("observations", "actions", "rewards"):
+        np.testing.assert_array_equal(experience[name][0], expected[name])
+    np.testing.assert_array_equal(infos["state"][0], expected["states"])
+    np.testing.assert_array_equal(infos["next_observations"][0], expected["next_observations"])
     for theirs, ours in (("terminals", "terminations"), ("truncations", "truncations")):
         for agent in range(2):
             np.testing.assert_array_equal(experience[theirs][0, :, agent], expected[ours])
@@ -62,25 +59,21 @@ def their_leaves(lengths: list[int], cut: list[bool], n_timelines: int = 2) -> d
     def of_agents(values: Any) -> Any:
         return np.broadcast_to(values[None, :, None], (n_timelines, len(values), 3))
 
+    legals = np.ones((n_timelines, len(seen), 3, 6), np.float32)
     leaves: dict[str, Any] = {
         "observations": observations,
         "actions": of_agents(seen[:, 1].astype(np.int32) % 4),
         "rewards": of_agents(seen[:, 1]),
         "terminals": of_agents(arrays["terminals"]),
         "truncations": of_agents(arrays["timeouts"]),
-        "infos": {
-            "state": rows,
-            "legals": np.ones((n_timelines, len(seen), 3, 6), dtype=np.float32),
-        },
+        "infos": {"state": rows, "legals": legals},
     }
     return jax.tree.map(lambda x: np.concatenate([x, x[:, -1:]], 1), leaves)
 
 
 def take_in(path: Path, **answers: Any) -> Dataset:
-    out = path.parents[2] / "out"
-    return import_dataset(
-        path, out, format="vault", id="smac_3m-good-v0", choices=Choices(**answers)
-    )
+    out, choices = path.parents[2] / "out", Choices(**answers)
+    return import_dataset(path, out, format="vault", id="smac_3m-good-v0", choices=choices)
 
 
 def test_theirs_is_cut_at_ends_of_all_agents(tmp_path: Path) -> None:

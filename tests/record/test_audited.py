@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from swarmdata.audit import audit
-from swarmdata.record import Recorder
-from tests.record.worlds import Choosing, Counting, play
+from tests.record.worlds import Choosing, Counting, record
 
 WORLDS: dict[str, Callable[[], Any]] = {
     "plain": Counting,
@@ -25,16 +24,12 @@ WORLDS: dict[str, Callable[[], Any]] = {
 def test_a_recording_passes_the_audit(name: str, tmp_path: Path) -> None:
     env = WORLDS[name]()
     spaces = {agent: env.action_space(agent) for agent in env.possible_agents}
-    for index, space in enumerate(spaces.values()):
-        space.seed(index)
 
     def act(agent: str, time: int) -> Any:
         allowed = {"mask": env.mask} if agent == "one" and "mask" in name else {}
         return spaces[agent].sample(**allowed)
 
-    task = env.metadata["name"].lower().replace(" ", "_")
-    with Recorder(env, id=f"{task}-mine-v0", path=tmp_path / "ds") as recorder:
-        play(recorder, 25, act)
-    report = audit(recorder.close().path, progress=False)
+    dataset = record(env, tmp_path / "ds", 25, act)
+    report = audit(dataset.path, progress=False)
     assert not report.problems, report.problems
-    assert np.isfinite(recorder.close().episodes.team_return).all()
+    assert np.isfinite(dataset.episodes.team_return).all()

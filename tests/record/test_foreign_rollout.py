@@ -11,7 +11,6 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.results.result_files import Result, load_result, save_result
 from swarmdata.record import (
-    Recorder,
     evaluate_parallel,
     foreign_evaluation_seeds,
     policy_actions,
@@ -19,44 +18,24 @@ from swarmdata.record import (
 )
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import Limits
-from swarmdata.types import Float, Int, Step
-from tests.record.worlds import Choosing, Counting, play, steady
+from swarmdata.types import Float, Step
+from tests.record.worlds import Choosing, Constant, Counting, record, spec_of, steady
 
 torch = pytest.importorskip("torch")
 
 
-class Constant:
-    """Always the same numbers in [-1, 1]; remembers what it saw."""
-
-    uses_state = False
-
-    def __init__(self, value: float) -> None:
-        self.value, self.seen = value, []  # type: ignore[var-annotated]
-
-    def reset(self, step: Step, copies: Int) -> None:
-        self.seen.append(step)
-
-    def act(self, step: Step) -> Float:
-        self.seen.append(step)
-        return np.full((1, 2, 2), self.value, np.float32)
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.zeros((1, 2), np.float32)
+def constant(value: float) -> Constant:
+    return Constant([value] * 2, [value] * 2)
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    path = tmp_path_factory.mktemp("recorded") / "ds"
-    env = Counting(leaves={"big": 3})
-    with Recorder(env, id="counting_v1-mine-v0", path=path) as recorder:
-        play(recorder, 12)
-    return recorder.close()
+    return record(Counting(leaves={"big": 3}), tmp_path_factory.mktemp("recorded") / "ds")
 
 
 @pytest.fixture(scope="module")
 def spec(dataset: Dataset) -> RecordedSpec:
-    assert isinstance(dataset.spec, RecordedSpec)
-    return dataset.spec
+    return spec_of(dataset)
 
 
 def test_samples_are_in_the_unit_cube_and_episodes_are_as_recorded(dataset: Dataset) -> None:
@@ -85,7 +64,7 @@ def test_actions_come_back_in_the_units_of_the_environment(
     spec: RecordedSpec, value: float
 ) -> None:
     step = step_of(np.zeros((2, 3), np.float32), np.zeros(2, np.float32), seed=0, time=0)
-    actions = policy_actions(Constant(value), spec, step)
+    actions = policy_actions(constant(value), spec, step)
     unit = np.clip(value, -1, 1)
     np.testing.assert_array_equal(actions["big"], np.array([0, 2]) + 2 * unit)
     np.testing.assert_array_equal(actions["small"], [3 + 2 * unit])
@@ -94,7 +73,7 @@ def test_actions_come_back_in_the_units_of_the_environment(
 
 
 def test_a_policy_sees_what_was_recorded(dataset: Dataset, spec: RecordedSpec) -> None:
-    policy = Constant(0.0)
+    policy = constant(0.0)
     episode = dataset[0]
     result = evaluate_parallel(
         policy, lambda: Counting(leaves={"big": 3}), spec, dataset.episodes.seeds[:1]
@@ -124,7 +103,7 @@ def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(spec: Recor
     before = torch.get_num_threads()
     torch.set_num_threads(3)
     try:
-        evaluate_parallel(Policy(0.0), Env, spec, foreign_evaluation_seeds(1))
+        evaluate_parallel(Policy([0.0] * 2, [0.0] * 2), Env, spec, foreign_evaluation_seeds(1))
     finally:
         torch.set_num_threads(before)
     assert set(acting) == {1}
@@ -134,9 +113,9 @@ def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(spec: Recor
 def test_another_environment_is_refused(spec: RecordedSpec) -> None:
     seeds = foreign_evaluation_seeds(1)
     with pytest.raises(SchemaError, match="the recording of counting_v1 has"):
-        evaluate_parallel(Constant(0.0), Choosing, spec, seeds)
+        evaluate_parallel(constant(0.0), Choosing, spec, seeds)
     with pytest.raises(SchemaError, match="no seeds"):
-        evaluate_parallel(Constant(0.0), Counting, spec, seeds[:0])
+        evaluate_parallel(constant(0.0), Counting, spec, seeds[:0])
 
 
 @pytest.mark.parametrize("algorithm", ["bc", "maddpg_bc"])
@@ -174,18 +153,15 @@ def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
     from swarmdata.learn.training.trainer import train_seeds
     from swarmdata.offline_algos.bc import BC
 
-    with Recorder(Counting(), id="counting_v1-mine-v0", path=tmp_path / "ds") as recorder:
-        play(recorder, 20, steady)
-    dataset = recorder.close()
+    dataset = record(Counting(), tmp_path / "ds", 20, steady)
     config = BC.Config(n_updates=400, batch_size=64)
     policy = train_seeds(
         "bc", dataset, tmp_path / "run", seeds=(0,), config=config, progress=False
     )[0]
-    assert isinstance(dataset.spec, RecordedSpec)
     for time in range(4):
         rows, state = dataset[0].observations[time], dataset[0].states[time]
         step = step_of(rows, state, seed=0, time=time)
-        chosen = policy_actions(policy, dataset.spec, step)
+        chosen = policy_actions(policy, spec_of(dataset), step)
         for name, action in chosen.items():
             np.testing.assert_allclose(action, steady(name, time), atol=0.3)
 
@@ -193,9 +169,7 @@ def test_behavior_cloning_finds_the_actions_again(tmp_path: Path) -> None:
 def test_choices_beside_numbers_cannot_be_learned(tmp_path: Path) -> None:
     from swarmdata.learn.training.trainer import train_seeds
 
-    with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
-        play(recorder, 5)
-    dataset = recorder.close()
+    dataset = record(Choosing(), tmp_path / "ds", 5)
     sample = next(dataset.sampler(4))
     assert sample.actions.max() > 1, "choices come as they are"
     with pytest.raises(
@@ -209,9 +183,9 @@ def test_actions_outside_their_bounds_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Of a recording by an older version, which accepted them."""
-    path = tmp_path / "ds"
     monkeypatch.setattr(Limits, "check", lambda *_: None)
-    with Recorder(Counting(), id="counting_v1-mine-v0", path=path) as recorder:
-        play(recorder, 5, lambda agent, time: np.full(2 if agent == "big" else 1, 4.0, np.float32))
+    dataset = record(
+        Counting(), tmp_path / "ds", 5, lambda agent, _: np.full(1 + (agent == "big"), 4.0, "f4")
+    )
     with pytest.raises(SchemaError, match="action of agent 0 is 4, outside of 0 ± 2"):
-        next(recorder.close().sampler(8))
+        next(dataset.sampler(8))

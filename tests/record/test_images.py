@@ -14,29 +14,19 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import mix
 from swarmdata.errors import ManifestError, SchemaError
 from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds
-from swarmdata.specs.origins import RecordedSpec
 from swarmdata.store import open_store
 from swarmdata.store.arrays.running_moments import Moments
 from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import write_part
 from swarmdata.testing.dataset_contract import check_dataset
-from swarmdata.types import Episode
-from tests.record.worlds import Choosing, Seeing, play
+from tests.record.worlds import Choosing, Seeing, play, record, spec_of
 
 ID = "seeing_v0-mine-v0"
 
 
-def record(path: Path, env: Any, n_episodes: int = 12, **options: Any) -> Dataset:
-    with Recorder(env, id=ID, path=path, **options) as recorder:
-        for agent in recorder.possible_agents:
-            recorder.action_space(agent).seed(0)
-        play(recorder, n_episodes)
-    return recorder.close()
-
-
 @pytest.fixture(scope="module")
 def images(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    return record(tmp_path_factory.mktemp("images") / "ds", Seeing())
+    return record(Seeing(), tmp_path_factory.mktemp("images") / "ds")
 
 
 @pytest.fixture(scope="module")
@@ -45,16 +35,17 @@ def floats(images: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Dataset
     return rewritten(images, tmp_path_factory.mktemp("floats"), ("observations", "states"))
 
 
-def rewritten(images: Dataset, folder: Path, names: tuple[str, ...]) -> Dataset:
-    episodes = [as_floats(episode, names) for episode in images]
+def rewritten(
+    images: Dataset, folder: Path, names: tuple[str, ...], dtype: Any = np.float32
+) -> Dataset:
+    episodes = [
+        replace(each, **{name: getattr(each, name).astype(dtype) for name in names})
+        for each in images
+    ]
     write_part(folder / "part", episodes)
     order = [(0, k) for k in range(len(episodes))]
     assemble(folder / "ds", recipe=images.recipe, parts={0: [folder / "part"]}, order=order)
     return Dataset.open(folder / "ds")
-
-
-def as_floats(episode: Episode, names: tuple[str, ...]) -> Episode:
-    return replace(episode, **{n: getattr(episode, n).astype(np.float32) for n in names})
 
 
 def test_what_passed_is_what_is_stored(images: Dataset) -> None:
@@ -111,25 +102,21 @@ def test_batches_are_bytes(images: Dataset, floats: Dataset) -> None:
 
 def test_states_are_bytes_where_the_environments_are(tmp_path: Path) -> None:
     for dtype, expected in ((np.uint8, np.uint8), (np.float64, np.float32)):
-        made = record(tmp_path / np.dtype(dtype).name, Seeing(state=dtype), 6)
+        made = record(Seeing(state=dtype), tmp_path / np.dtype(dtype).name, 6)
         assert made.stored.arrays["states"].dtype == expected
         assert made[0].states[:, 0].tolist() == [0, 40, 80, 120, 160, 200]
 
 
 def test_other_spaces_stay_floats(tmp_path: Path) -> None:
     """An image beside a number: one array has one dtype."""
-    with Recorder(Choosing(), id="choosing_v2-mine-v0", path=tmp_path / "ds") as recorder:
-        play(recorder, 5)
-    assert recorder.close().stored.arrays["observations"].dtype == np.float32
+    dataset = record(Choosing(), tmp_path / "ds", 5)
+    assert dataset.stored.arrays["observations"].dtype == np.float32
 
 
 @pytest.mark.parametrize("wrong", [256.0, -1.0, 0.5])
 def test_numbers_that_are_no_bytes_are_refused(wrong: float, tmp_path: Path) -> None:
-    with (
-        pytest.raises(SchemaError, match="observation of left has numbers that are not whole"),
-        Recorder(Seeing(wrong=wrong), id=ID, path=tmp_path / "ds") as recorder,
-    ):
-        play(recorder, 1)
+    with pytest.raises(SchemaError, match="observation of left has numbers that are not whole"):
+        record(Seeing(wrong=wrong), tmp_path / "ds", 1)
 
 
 def test_a_recording_that_an_older_version_began_is_continued(
@@ -141,7 +128,7 @@ def test_a_recording_that_an_older_version_began_is_continued(
         first = Recorder(Seeing(), id=ID, path=tmp_path / "ds")
         play(first, 5)
         first.pause()
-    dataset = record(tmp_path / "ds", Seeing(), 5)
+    dataset = record(Seeing(), tmp_path / "ds", 5)
     assert len(dataset) == 10
     assert dataset.stored.arrays["observations"].dtype == np.float32
     assert {episode.observations.max() for episode in dataset} == {255.0}
@@ -156,7 +143,7 @@ def test_edits_keep_bytes(images: Dataset, tmp_path: Path) -> None:
     for each in made:
         assert each.stored.arrays["observations"].dtype == np.uint8
         open_store(each.path, "full")
-    others = record(tmp_path / "others", Seeing(), seed=99)
+    others = record(Seeing(), tmp_path / "others", seed=99)
     (tmp_path / "floats").mkdir()
     older = rewritten(others, tmp_path / "floats", ("observations", "states"))
     both = combine_datasets([images, older], tmp_path / "c", id="seeing_v0-c-v0")
@@ -172,18 +159,9 @@ def test_the_audit_passes_and_the_contract_holds(images: Dataset) -> None:
 def test_a_task_has_no_images(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Who writes a task's observations as bytes is refused when they are opened."""
     dataset = Dataset.open(tiny)
-    write_part(tmp_path / "part", [
-        as_bytes_of(episode) for episode in dataset if episode.policy == 0
-    ])  # fmt: skip
-    n = sum(episode.policy == 0 for episode in dataset)
-    order = [(0, k) for k in range(n)]
-    assemble(tmp_path / "ds", recipe=dataset.recipe, parts={0: [tmp_path / "part"]}, order=order)
+    own = dataset.filter(policy=dataset.recipe.policies[0].label)
     with pytest.raises(ManifestError, match="observations are uint8, but a task observes no image"):
-        Dataset.open(tmp_path / "ds")
-
-
-def as_bytes_of(episode: Episode) -> Episode:
-    return replace(episode, observations=episode.observations.astype(np.uint8))
+        rewritten(own, tmp_path, ("observations",), np.uint8)
 
 
 @pytest.mark.parametrize("name", ["maddpg_bc", "iql"])
@@ -201,9 +179,8 @@ def test_algorithms_learn_the_same_from_bytes(
         config = config_of(name, n_updates=8)
         train_seeds(name, data, run, seeds=(0, 1), config=config, progress=False)
         losses.append((run / "losses.csv").read_text())
-        assert isinstance(data.spec, RecordedSpec)
         seeds = foreign_evaluation_seeds(2)
-        result = evaluate_parallel(load_run(run)[0], Seeing, data.spec, seeds)
+        result = evaluate_parallel(load_run(run)[0], Seeing, spec_of(data), seeds)
         losses.append(str(result.metrics["return"].tolist()))
     assert losses[:2] == losses[2:]
 

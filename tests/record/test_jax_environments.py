@@ -12,6 +12,7 @@ from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record import record_jax
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import END_REASONS
+from tests.record.worlds import spec_of
 
 jax = pytest.importorskip("jax", reason="environments in JAX")
 jnp = jax.numpy
@@ -23,8 +24,7 @@ pytestmark = [
 
 def check(dataset: Dataset) -> RecordedSpec:
     assert audit(dataset.path, progress=False).problems == ()
-    spec = dataset.spec
-    assert isinstance(spec, RecordedSpec)
+    spec = spec_of(dataset)
     assert spec.state_from == "environment"
     return spec
 
@@ -146,9 +146,8 @@ def test_jaxmarl(tmp_path: Path) -> None:
     episode = dataset[0]
     columns = spec.options["state"]
     assert columns["p_pos"] == [6, 2]
-    first = sum(
-        int(np.prod(columns[name])) for name in list(columns)[: list(columns).index("p_pos")]
-    )
+    before = list(columns.values())[: list(columns).index("p_pos")]
+    first = sum(int(np.prod(shape)) for shape in before)
     positions = episode.states[:, first : first + 12].reshape(27, 6, 2)
     np.testing.assert_allclose(episode.observations[:, 0, 2:4], positions[:, 0], rtol=1e-6)
     moved = np.abs(np.diff(positions[:, :3], axis=0)).max(axis=(1, 2))

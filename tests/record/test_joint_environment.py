@@ -12,22 +12,12 @@ from pettingzoo import AECEnv
 from pettingzoo.utils.conversions import aec_to_parallel_wrapper, parallel_to_aec
 
 import swarmdata
-from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SpecError
 from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds
 from swarmdata.record.joint_environment import SINGLE_AGENT
 from swarmdata.rollouts.function_policy import FunctionPolicy
-from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
-from tests.record.worlds import Counting, play, steady
-
-
-def record(env: Any, task: str, path: Path, n_episodes: int = 6) -> Dataset:
-    with Recorder(env, id=f"{task}-mine-v0", path=path, task=task) as recorder:
-        for agent in recorder.possible_agents:
-            recorder.action_space(agent).seed(0)
-        play(recorder, n_episodes)
-    return recorder.close()
+from tests.record.worlds import Counting, play, record, spec_of, steady
 
 
 class Turns(AECEnv):  # type: ignore[misc]
@@ -76,7 +66,7 @@ class Turns(AECEnv):  # type: ignore[misc]
 
 
 def test_a_cycle_of_an_aec_environment_is_a_joint_step(tmp_path: Path) -> None:
-    dataset = record(Turns(is_parallelizable=True), "turns_v0", tmp_path / "ds")
+    dataset = record(Turns(is_parallelizable=True), tmp_path / "ds", 6)
     assert dataset.spec.agent_names == ("first", "second")
     for episode in dataset:
         time = np.arange(4)
@@ -92,7 +82,7 @@ def test_a_cycle_of_an_aec_environment_is_a_joint_step(tmp_path: Path) -> None:
 def test_the_same_environment_both_ways_is_one_dataset(tmp_path: Path) -> None:
     module = pytest.importorskip("mpe2.simple_spread_v3", reason="an AEC environment of others")
     made = [
-        record(make(max_cycles=7), "simple_spread_v3", tmp_path / str(k))
+        record(make(max_cycles=7), tmp_path / str(k), 6, task="simple_spread_v3")
         for k, make in enumerate((module.env, module.parallel_env))
     ]
     assert made[0].digest == made[1].digest
@@ -136,12 +126,8 @@ def test_an_environment_of_gymnasium_is_one_agent(
     name: str, task: str, horizon: int, tmp_path: Path
 ) -> None:
     """What passed is what was recorded: the same seeds and actions give the same numbers again."""
-    with Recorder(gymnasium.make(name), id=f"{task}-mine-v0", path=tmp_path / "ds") as recorder:
-        recorder.action_space(SINGLE_AGENT).seed(0)
-        play(recorder, 5)
-    dataset, env = recorder.close(), gymnasium.make(name)
-    spec = dataset.spec
-    assert isinstance(spec, RecordedSpec)
+    dataset = record(gymnasium.make(name), tmp_path / "ds", 5, id=f"{task}-mine-v0", task=None)
+    env, spec = gymnasium.make(name), spec_of(dataset)
     assert (spec.task, spec.library, spec.horizon) == (task, "gymnasium", horizon)
     assert (spec.agent_names, spec.state_from) == ((SINGLE_AGENT,), "observations")
     for episode in dataset:
@@ -159,11 +145,10 @@ def test_an_environment_of_gymnasium_is_one_agent(
 
 @pytest.mark.slow
 def test_a_policy_plays_gymnasium(tmp_path: Path) -> None:
-    dataset = record(gymnasium.make("Pendulum-v1"), "pendulum_v1", tmp_path / "ds", 4)
-    assert isinstance(dataset.spec, RecordedSpec)
+    dataset = record(gymnasium.make("Pendulum-v1"), tmp_path / "ds", 4, task="pendulum_v1")
     policy = FunctionPolicy(lambda observations: np.zeros((*observations.shape[:2], 1), np.float32))
     result = evaluate_parallel(
-        policy, lambda: gymnasium.make("Pendulum-v1"), dataset.spec, foreign_evaluation_seeds(2)
+        policy, lambda: gymnasium.make("Pendulum-v1"), spec_of(dataset), foreign_evaluation_seeds(2)
     )
     assert result.metrics["length"].tolist() == [200, 200]
     assert swarmdata.load(dataset.path).n_episodes == 4

@@ -6,7 +6,6 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete, MultiDiscrete, Space
-from pettingzoo import ParallelEnv
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
@@ -18,8 +17,8 @@ from swarmdata.record import (
     step_of,
 )
 from swarmdata.specs.origins import RecordedSpec
-from swarmdata.types import Bool, Float, Int, Step
-from tests.record.worlds import play
+from swarmdata.types import Bool, Float, Step
+from tests.record.worlds import Constant, Together, play, record, spec_of
 
 torch = pytest.importorskip("torch")
 
@@ -27,76 +26,54 @@ LENGTH = 5
 FILTERED = {"hidden": "32", "fraction": "0.3", "min_episodes": "1"}
 
 
-class Signals(ParallelEnv):  # type: ignore[misc]
+class Signals(Together):
     """Each agent sees a number and is paid for naming it; `few` knows fewer numbers, from 1 on.
 
     Args:
         has_masks: forbids `many` its right answer.
     """
 
+    NAME, length = "signals_v0", LENGTH
     ACTIONS: ClassVar[dict[str, Space[Any]]] = {
         "many": MultiDiscrete([4, 2]),
         "few": Discrete(2, start=1),
     }
 
     def __init__(self, has_masks: bool = False) -> None:
-        self.metadata = {"name": "signals_v0"}
-        self.possible_agents = list(self.ACTIONS)
-        self.agents: list[str] = []
+        super().__init__()
         self.has_masks = has_masks
-        self.taken: list[dict[str, Any]] = []
 
     def observation_space(self, agent: str) -> Space[Any]:
         return Box(0, 1, (4,), np.float32)
 
-    def action_space(self, agent: str) -> Space[Any]:
-        return self.ACTIONS[agent]
-
-    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
-        self.rng, self.time = np.random.default_rng(seed), 0
-        self.agents = list(self.possible_agents)
-        return self._observe(), self._infos()
-
-    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
+    def rewards(self, actions: dict[str, Any]) -> dict[str, float]:
         for name, action in actions.items():
             assert self.ACTIONS[name].contains(action), (name, action)
-        self.taken.append({name: np.array(action).tolist() for name, action in actions.items()})
-        self.time += 1
         many, few = actions["many"], actions["few"]
-        rewards = {
+        return {
             "many": float(many[0] == self.signal["many"]) + 0.5 * float(many[1] == 1),
             "few": float(few - 1 == self.signal["few"]),
         }
-        names, over = self.agents, self.time == LENGTH
-        if over:
-            self.agents = []
-        flags = dict.fromkeys(names, False)
-        return self._observe(), rewards, flags, dict.fromkeys(names, over), self._infos()
 
-    def _observe(self) -> dict[str, Any]:
-        self.signal = {"many": int(self.rng.integers(4)), "few": int(self.rng.integers(2))}
+    def observe(self) -> dict[str, Any]:
+        rng = np.random.default_rng([self.seed, self.time])
+        self.signal = {"many": int(rng.integers(4)), "few": int(rng.integers(2))}
         return {name: np.eye(4, dtype=np.float32)[number] for name, number in self.signal.items()}
 
-    def _infos(self) -> dict[str, Any]:
-        if not self.has_masks:
-            return {name: {} for name in self.possible_agents}
+    def infos(self) -> dict[str, Any]:
         mask = np.ones(6, np.int8)
         mask[self.signal["many"]] = 0
-        return {"many": {"action_mask": mask}, "few": {}}
+        return {"many": {"action_mask": mask} if self.has_masks else {}, "few": {}}
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    path = tmp_path_factory.mktemp("recorded") / "ds"
-    with Recorder(Signals(), id="signals_v0-mine-v0", path=path) as recorder:
-        play(recorder, 60)
-    return recorder.close()
+    return record(Signals(), tmp_path_factory.mktemp("recorded") / "ds", 60)
 
 
 @pytest.fixture(scope="module")
 def spec(dataset: Dataset) -> RecordedSpec:
-    assert isinstance(dataset.spec, RecordedSpec)
-    return dataset.spec
+    return spec_of(dataset)
 
 
 @pytest.mark.slow
@@ -154,32 +131,13 @@ def test_the_better_choices_are_imitated(
     policy = train(
         algorithm, str(path), tmp_path / "run", n_seeds=1, changes=settings, progress=False
     )[0]
-    spec = Dataset.open(path).spec
-    assert isinstance(spec, RecordedSpec)
+    spec = spec_of(Dataset.open(path))
     result = evaluate_parallel(policy, Signals, spec, foreign_evaluation_seeds(4))
     assert least <= result.metrics["return"].mean() / (1.25 * LENGTH) <= most
 
 
-class Says:
-    """Always the same choices; takes the first allowed one instead where it is told."""
-
-    uses_state = False
-
-    def __init__(self, *rows: list[float]) -> None:
-        self.rows = np.array([rows], np.float32)
-
-    def reset(self, step: Step, copies: Int) -> None:
-        """Nothing to forget."""
-
-    def act(self, step: Step) -> Float:
-        return self.rows
-
-    def log_probs(self, step: Step, actions: Float) -> Float:
-        return np.zeros((1, 2), np.float32)
-
-
-class Listens(Says):
-    """Also heeds masks."""
+class Listens(Constant):
+    """Takes the first allowed choice instead where it is told."""
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
         assert allowed.shape == (1, 2, 6)
@@ -196,7 +154,7 @@ def test_masks_of_the_environment_reach_the_policy(spec: RecordedSpec) -> None:
     few = result.metrics["return"] * 2 - 0.5 * LENGTH  # what is left when `many` is never right
     assert (few <= LENGTH).all()
     with pytest.raises(SchemaError, match="has no act_among"):
-        evaluate_parallel(Says([0, 1], [1, 0]), lambda: Signals(has_masks=True), spec, seeds)
+        evaluate_parallel(Constant([0, 1], [1, 0]), lambda: Signals(has_masks=True), spec, seeds)
 
 
 @pytest.mark.parametrize(
@@ -209,11 +167,11 @@ def test_masks_of_the_environment_reach_the_policy(spec: RecordedSpec) -> None:
 )
 def test_what_is_no_choice_is_refused(spec: RecordedSpec, rows: Any, message: str) -> None:
     with pytest.raises(SchemaError, match=message):
-        evaluate_parallel(Says(*rows), Signals, spec, foreign_evaluation_seeds(1))
+        evaluate_parallel(Constant(*rows), Signals, spec, foreign_evaluation_seeds(1))
 
 
 def test_actions_are_those_of_the_environment(spec: RecordedSpec) -> None:
     step = step_of(np.zeros((2, 4), np.float32), np.zeros(8, np.float32), seed=0, time=0)
-    actions = policy_actions(Says([3, 1], [2, 0]), spec, step)
+    actions = policy_actions(Constant([3, 1], [2, 0]), spec, step)
     assert actions["many"].tolist() == [3, 1]
     assert actions["few"] == 2

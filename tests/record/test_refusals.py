@@ -14,7 +14,7 @@ from swarmdata.record.recording_folder import RecordingFolder, Session
 from swarmdata.specs.origins.recording_origin import Recording
 from tests.interop.conftest import RECORDING, recorded_episodes
 from tests.record.test_vmas import Halving, act
-from tests.record.worlds import Choosing, Counting, play, steady
+from tests.record.worlds import Choosing, Counting, play, record, steady
 
 ID = "counting_v1-mine-v0"
 
@@ -92,9 +92,7 @@ def test_a_choice_that_does_not_exist_is_refused_before_the_step(
 
 
 def test_an_agent_that_is_listed_after_its_end_has_left(tmp_path: Path) -> None:
-    with Recorder(Lingering(length=6), id=ID, path=tmp_path / "ds") as recorder:
-        play(recorder, 12, steady)
-    dataset = recorder.close()
+    dataset = record(Lingering(length=6), tmp_path / "ds", act=steady)
     alive, ends = dataset[0].alive, dataset[0].agent_terminations
     assert alive is not None
     assert ends is not None

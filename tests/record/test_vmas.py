@@ -1,6 +1,7 @@
 """All copies of a VMAS environment become episodes."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -8,8 +9,8 @@ import pytest
 
 from swarmdata.errors import BuildError, SchemaError, SpecError
 from swarmdata.record import Limits, record_vmas
-from swarmdata.specs.origins import RecordedSpec
 from swarmdata.types import END_REASONS
+from tests.record.worlds import spec_of
 
 ID = "halving-mine-v0"
 
@@ -20,11 +21,6 @@ class Box:
     def __init__(self, low: float, high: float, n: int) -> None:
         self.low, self.high = np.full(n, low, np.float32), np.full(n, high, np.float32)
         self.shape, self.dtype = (n,), np.dtype(np.float32)
-
-
-class Agent:
-    def __init__(self, name: str) -> None:
-        self.name = name
 
 
 class Scenario:
@@ -40,7 +36,7 @@ class Halving:
 
     def __init__(self, num_envs: int = 4, max_steps: int | None = 5, flags: bool = True) -> None:
         self.num_envs, self.max_steps, self.terminated_truncated = num_envs, max_steps, flags
-        self.agents, self.dict_spaces = [Agent("a"), Agent("b")], False
+        self.agents, self.dict_spaces = [SimpleNamespace(name=name) for name in "ab"], False
         self.observation_space = [Box(-np.inf, np.inf, 3), Box(-np.inf, np.inf, 2)]
         self.action_space = [Box(-1, 1, 1), Box(-1, 1, 2)]
         self.scenario = Scenario()
@@ -77,8 +73,7 @@ def test_every_copy_is_an_episode_with_its_own_end(tmp_path: Path) -> None:
     dataset = record_vmas(env, act, 10, id=ID, path=tmp_path / "ds", task="halving")
     assert dataset.n_episodes == 10
     assert len(env.seeds) == 3
-    spec = dataset.spec
-    assert isinstance(spec, RecordedSpec)
+    spec = spec_of(dataset)
     assert (spec.horizon, spec.state_size, spec.options) == (5, 5, {"num_envs": 4})
     for index, episode in enumerate(dataset):
         seed, copy = env.seeds[index // 4], index % 4
@@ -156,9 +151,7 @@ def test_wrong_shapes_and_values_are_refused(tmp_path: Path) -> None:
 def test_vmas_itself(scenario: str, options: dict[str, Any], tmp_path: Path) -> None:
     pytest.importorskip("torch")
     vmas = pytest.importorskip("vmas")
-    env = vmas.make_env(
-        scenario, num_envs=6, max_steps=12, terminated_truncated=True, seed=0, **options
-    )
+    env = vmas.make_env(scenario, 6, max_steps=12, terminated_truncated=True, seed=0, **options)
     seen: list[Any] = []
 
     def random(observations: list[Any]) -> list[Any]:
@@ -167,15 +160,12 @@ def test_vmas_itself(scenario: str, options: dict[str, Any], tmp_path: Path) -> 
         return list(actions)
 
     dataset = record_vmas(env, random, 12, id=f"{scenario}-random-v0", path=tmp_path / "ds")
-    spec = dataset.spec
-    assert isinstance(spec, RecordedSpec)
+    spec = spec_of(dataset)
     assert (spec.task, spec.library) == (scenario, "vmas")
     episode = dataset[0]
     for time in range(len(episode)):
         for agent in range(spec.n_agents):
-            observation, action = seen[time][0][agent][0], seen[time][1][agent][0]
+            observation, action = seen[time][0][agent][0], np.ravel(seen[time][1][agent][0])
             own = episode.observations[time, agent, : len(observation)]
             np.testing.assert_array_equal(own, observation)
-            np.testing.assert_array_equal(
-                episode.actions[time, agent, : action.size], np.ravel(action)
-            )
+            np.testing.assert_array_equal(episode.actions[time, agent, : len(action)], action)

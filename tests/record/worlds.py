@@ -1,11 +1,17 @@
 """Small PettingZoo environments that do what real ones do: each tests something of a recorder."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box, Dict, Discrete, MultiBinary, MultiDiscrete, Space, Tuple
 from pettingzoo import ParallelEnv
+
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.record import Recorder
+from swarmdata.specs.origins import RecordedSpec
+from swarmdata.types import Float, Int, Step
 
 
 class Counting(ParallelEnv):  # type: ignore[misc]
@@ -77,14 +83,53 @@ class Counting(ParallelEnv):  # type: ignore[misc]
         return {a: self.buffers[a] for a in agents}
 
 
-class Choosing(ParallelEnv):  # type: ignore[misc]
+class Together(ParallelEnv):  # type: ignore[misc]
+    """A team that acts from a reset on, and ends at once after `length` steps.
+
+    Others say what it is called, its spaces, and what it observes, gets and is told.
+    """
+
+    NAME: ClassVar[str]
+    ACTIONS: ClassVar[dict[str, Space[Any]]]
+    length, terminates = 5, False
+
+    def __init__(self) -> None:
+        self.metadata = {"name": self.NAME}
+        self.possible_agents, self.agents = list(self.ACTIONS), list[str]()
+
+    def action_space(self, agent: str) -> Space[Any]:
+        return self.ACTIONS[agent]
+
+    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
+        self.seed, self.time, self.agents = int(seed or 0), 0, list(self.possible_agents)
+        return self.observe(), self.infos()
+
+    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
+        names, self.time = self.agents, self.time + 1
+        over, rewards = self.time == self.length, self.rewards(actions)
+        self.agents = [] if over else names
+        ended, cut = dict.fromkeys(names, over), dict.fromkeys(names, False)
+        flags = (ended, cut) if self.terminates else (cut, ended)
+        return self.observe(), rewards, *flags, self.infos()
+
+    def observe(self) -> dict[str, Any]:
+        raise NotImplementedError
+
+    def rewards(self, actions: dict[str, Any]) -> dict[str, float]:
+        return dict.fromkeys(actions, 1.0)
+
+    def infos(self) -> dict[str, Any]:
+        return {name: {} for name in self.possible_agents}
+
+
+class Choosing(Together):
     """One agent for each kind of space; masks come as the caller wants.
 
     Args:
         mask_in: `info` or `observation`, PettingZoo's two conventions, or None.
-        forbidden: makes the first choice forbidden at odd times.
     """
 
+    NAME, length, terminates = "Choosing v2", 3, True
     ACTIONS: ClassVar[dict[str, Space[Any]]] = {
         "one": Discrete(3, start=0),
         "many": MultiDiscrete([2, 3]),
@@ -94,9 +139,7 @@ class Choosing(ParallelEnv):  # type: ignore[misc]
     }
 
     def __init__(self, mask_in: str | None = None) -> None:
-        self.metadata = {"name": "Choosing v2"}
-        self.possible_agents = list(self.ACTIONS)
-        self.agents: list[str] = []
+        super().__init__()
         self.mask_in = mask_in
         inner = Dict({"near": Box(0, 255, (2, 2), np.uint8), "phase": Discrete(5)})
         self.spaces: dict[str, Space[Any]] = dict.fromkeys(self.ACTIONS, inner)
@@ -106,43 +149,44 @@ class Choosing(ParallelEnv):  # type: ignore[misc]
     def observation_space(self, agent: str) -> Space[Any]:
         return self.spaces[agent]
 
-    def action_space(self, agent: str) -> Space[Any]:
-        return self.ACTIONS[agent]
-
-    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
-        self.time, self.agents = 0, list(self.possible_agents)
-        return self._observe(), self._infos()
-
-    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
-        names, self.time = self.agents, self.time + 1
-        over = self.time == 3
-        result = (
-            self._observe(),
-            dict.fromkeys(names, 1.0),
-            dict.fromkeys(names, over),
-            dict.fromkeys(names, False),
-            self._infos(),
-        )
-        if over:
-            self.agents = []
-        return result
-
     @property
     def mask(self) -> Any:
         return np.array([self.time % 2 == 0, True, True], np.int8)
 
-    def _infos(self) -> dict[str, Any]:
-        infos: dict[str, Any] = {name: {} for name in self.possible_agents}
-        if self.mask_in == "info":
-            infos["one"]["action_mask"] = self.mask
-        return infos
+    def infos(self) -> dict[str, Any]:
+        masks = {"one": {"action_mask": self.mask}} if self.mask_in == "info" else {}
+        return super().infos() | masks
 
-    def _observe(self) -> dict[str, Any]:
+    def observe(self) -> dict[str, Any]:
         seen = {"near": np.full((2, 2), self.time, np.uint8), "phase": self.time}
         observations: dict[str, Any] = {name: dict(seen) for name in self.possible_agents}
         if self.mask_in == "observation":
             observations["one"] = {"observation": dict(seen), "action_mask": self.mask}
         return observations
+
+
+class Constant:
+    """A policy of two agents that do always the same; remembers what it saw."""
+
+    uses_state = False
+
+    def __init__(self, *rows: list[float]) -> None:
+        self.rows, self.seen = np.array([rows], np.float32), list[Step]()
+
+    def reset(self, step: Step, copies: Int) -> None:
+        self.seen.append(step)
+
+    def act(self, step: Step) -> Float:
+        self.seen.append(step)
+        return self.rows
+
+    def log_probs(self, step: Step, actions: Float) -> Float:
+        return np.zeros((1, 2), np.float32)
+
+
+def spec_of(dataset: Dataset) -> RecordedSpec:
+    assert isinstance(dataset.spec, RecordedSpec)
+    return dataset.spec
 
 
 def play(env: Any, n_episodes: int, act: Callable[[str, int], Any] | None = None) -> None:
@@ -160,12 +204,28 @@ def play(env: Any, n_episodes: int, act: Callable[[str, int], Any] | None = None
             time += 1
 
 
+def record(
+    env: Any,
+    path: Path,
+    n_episodes: int = 12,
+    act: Callable[[str, int], Any] | None = None,
+    **options: Any,
+) -> Dataset:
+    """What a recorder makes of so many episodes, named after the environment."""
+    name = options.get("task") or env.metadata.get("name", "").lower().replace(" ", "_")
+    with Recorder(env, **{"id": f"{name}-mine-v0", "path": path, **options}) as recorder:
+        for index, agent in enumerate(recorder.possible_agents):
+            recorder.action_space(agent).seed(index)
+        play(recorder, n_episodes, act)
+    return recorder.close()
+
+
 def steady(agent: str, time: int) -> Any:
     """An action of `Counting` that says its time."""
     return np.array([time % 3, 1] if agent == "big" else [1 + time % 4], np.float32)
 
 
-class Seeing(ParallelEnv):  # type: ignore[misc]
+class Seeing(Together):
     """Two agents that observe images of bytes: seed, time and agent in their pixels.
 
     Args:
@@ -173,44 +233,32 @@ class Seeing(ParallelEnv):  # type: ignore[misc]
         wrong: what a pixel is at the end, against the space.
     """
 
+    NAME, terminates = "seeing_v0", True
+    ACTIONS: ClassVar[dict[str, Space[Any]]] = {
+        agent: Box(-1.0, 1.0, (2,), np.float32) for agent in ("left", "right")
+    }
+
     def __init__(self, state: Any = None, wrong: float | None = None) -> None:
-        self.metadata = {"name": "seeing_v0"}
-        self.possible_agents = ["left", "right"]
-        self.agents: list[str] = []
+        super().__init__()
         self.state_dtype, self.wrong = state, wrong
 
     def observation_space(self, agent: str) -> Space[Any]:
         return Box(0, 255, (4, 3, 3) if agent == "left" else (2, 3, 3), np.uint8)
 
-    def action_space(self, agent: str) -> Space[Any]:
-        return Box(-1.0, 1.0, (2,), np.float32)
-
-    def reset(self, seed: int | None = None, options: Any = None) -> tuple[Any, Any]:
-        self.seed, self.time, self.agents = int(seed or 0), 0, list(self.possible_agents)
-        return self._observe(), {agent: {} for agent in self.agents}
-
-    def step(self, actions: dict[str, Any]) -> tuple[Any, Any, Any, Any, Any]:
-        names, self.time = self.agents, self.time + 1
-        over = self.time == 5
-        rewards = {agent: float(actions[agent][0]) for agent in names}
-        flags = dict.fromkeys(names, over), dict.fromkeys(names, False)
-        infos: dict[str, Any] = {agent: {} for agent in names}
-        result = self._observe(), rewards, *flags, infos
-        self.agents = [] if over else names
-        return result
+    def rewards(self, actions: dict[str, Any]) -> dict[str, float]:
+        return {agent: float(action[0]) for agent, action in actions.items()}
 
     def state(self) -> Any:
         if self.state_dtype is None:
             raise NotImplementedError
         return np.full((2, 2), 40 * self.time, self.state_dtype)
 
-    def _observe(self) -> dict[str, Any]:
+    def observe(self) -> dict[str, Any]:
         found: dict[str, Any] = {}
         for index, agent in enumerate(self.possible_agents):
             shape = self.observation_space(agent).shape
-            image = np.full(shape, self.seed % 200, np.uint8)
-            image[0, 0] = 50 * self.time, index, 255
-            found[agent] = image
+            found[agent] = np.full(shape, self.seed % 200, np.uint8)
+            found[agent][0, 0] = 50 * self.time, index, 255
             if self.wrong is not None and self.time == 5:
                 found[agent] = np.full(shape, self.wrong)
         return found

@@ -22,7 +22,7 @@ from swarmdata.specs.spaces import (
     unflatten,
     width,
 )
-from tests.interop.conversion.test_space_columns import Spaces
+from tests.interop.conversion.test_dataset_facts import Spaces
 
 leaves = st.one_of(
     st.builds(

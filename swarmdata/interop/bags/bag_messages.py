@@ -44,11 +44,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS, Double, Episode, Float
 
-EPISODE_GAP = 10.0
-"""Seconds from the last state of an episode to the first of the next one."""
-
-WORLD = "world"
-"""Frame of poses, velocities, and the commands of holonomic robots."""
+EPISODE_GAP = 10.0  # seconds from the last state of an episode to the first of the next one
+WORLD = "world"  # frame of poses, velocities, and the commands of holonomic robots
 
 _AT_START = (*STATE_ARRAYS, "actions", "log_probs")
 """Arrays whose row k has the time of state k; row k of others has that of state k + 1."""
@@ -64,15 +61,6 @@ class Message:
     kind: str  # such as `std_msgs/msg/String`
     time: int  # ns
     fields: Mapping[str, Any]  # by name; messages inside it are mappings, too
-
-
-def refuse_frame(frame: str) -> None:
-    """Raises ConversionError unless actions are in the world's frame."""
-    if frame != "world":
-        raise ConversionError(
-            f"bags hold commands in the frame of the world or of a robot, got frame={frame!r}. "
-            "Leave --frame out."
-        )
 
 
 def messages_of(dataset: Dataset) -> Iterator[Message]:
@@ -154,16 +142,10 @@ def _robots(
 
 
 def command_of(world: TaskSpec, robot: int, action: Double) -> Double:
-    """Returns the command that a robot's action is, as `envs.physics.dynamics` scales and clips it.
+    """The command [2] that a robot's action [2] is, as `envs.physics.dynamics` scales and clips it.
 
-    Args:
-        world: spec of the task.
-        robot: index of the robot.
-        action: [2].
-
-    Returns:
-        Holonomic: velocity, m/s, or acceleration, m/s^2, in the world's frame. Unicycle: forward
-        speed, m/s, or acceleration, m/s^2, and turn rate, rad/s. [2]
+    Holonomic: velocity, m/s, or acceleration, m/s^2, in the world's frame. Unicycle: forward speed,
+    m/s, or acceleration, m/s^2, and turn rate, rad/s.
     """
     body = world.robots[robot]
     most = body.max_speed if body.command == "velocity" else body.acceleration
@@ -225,40 +207,32 @@ def _twist(x: float, y: float, turn_rate: float) -> dict[str, Any]:
     return {"linear": linear, "angular": angular}
 
 
-class RosMessages:
-    """Serializes messages.
-
-    Raises:
-        MissingExtraError: the extra `logs` is not installed.
-    """
-
-    def __init__(self) -> None:
-        for package in ("rosbags", "mcap"):
-            require_extra(package, "logs", "writing bags")
-        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415  (an extra)
-
-        self.store = get_typestore(Stores.ROS2_HUMBLE)
-
-    def definition(self, kind: str) -> str:
-        """Text of a message's definition, with those of the messages in it."""
-        return str(self.store.generate_msgdef(kind, ros_version=2)[0])
-
-    def serialized(self, message: Message) -> bytes:
-        """Bytes of a message in CDR."""
-        return bytes(
-            self.store.serialize_cdr(self._built(message.kind, message.fields), message.kind)
+def open_types(frame: str) -> Any:
+    """The types of ROS 2 Humble, for actions in the world's frame; others are refused."""
+    if frame != "world":
+        raise ConversionError(
+            f"bags hold commands in the frame of the world or of a robot, got frame={frame!r}. "
+            "Leave --frame out."
         )
+    for package in ("rosbags", "mcap"):
+        require_extra(package, "logs", "writing bags")
+    from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415  (an extra)
 
-    def _built(self, kind: str, fields: Mapping[str, Any]) -> Any:
-        """An instance of a message's class."""
-        _, definitions = self.store.fielddefs[kind]
-        values = {name: self._value(field, fields[name]) for name, field in definitions}
-        return self.store.types[kind](**values)
+    return get_typestore(Stores.ROS2_HUMBLE)
 
-    def _value(self, field: Any, value: Any) -> Any:
-        """A field's value, in which mappings have become messages."""
-        if isinstance(value, Mapping):
-            return self._built(field[1], value)
-        if isinstance(value, list):
-            return [self._value(field[1][0], each) for each in value]
-        return value
+
+def serialized(types: Any, message: Message) -> bytes:
+    """Bytes of a message in CDR."""
+    return bytes(types.serialize_cdr(built(types, message.kind, message.fields), message.kind))
+
+
+def built(types: Any, kind: str, fields: Mapping[str, Any]) -> Any:
+    """An instance of a message's class, in which mappings are messages, too."""
+
+    def value(field: Any, given: Any) -> Any:
+        if isinstance(given, Mapping):
+            return built(types, field[1], given)
+        return [value(field[1][0], each) for each in given] if isinstance(given, list) else given
+
+    _, definitions = types.fielddefs[kind]
+    return types.types[kind](**{name: value(field, fields[name]) for name, field in definitions})

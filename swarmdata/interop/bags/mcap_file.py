@@ -8,7 +8,7 @@ the attachments are `swarmdata.json`, with the spec, policies and the table of e
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.bags.bag_messages import RosMessages, messages_of, refuse_frame
+from swarmdata.interop.bags.bag_messages import messages_of, open_types, serialized
 from swarmdata.interop.conversion.dataset_facts import NOTED_FACTS, TIME_ARRAYS
 from swarmdata.interop.conversion.export_note import NOTE_FILE, note_of
 from swarmdata.interop.formats import Format
@@ -23,14 +23,8 @@ KEPT_NAMES = {
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
-    """Writes a view as one MCAP file.
-
-    Raises:
-        ConversionError: the data are in another frame than the world's.
-        MissingExtraError: the extra `logs` is not installed.
-    """
-    refuse_frame(frame)
-    messages = RosMessages()
+    """Writes a view as one MCAP file."""
+    types = open_types(frame)
     from mcap.writer import Writer  # noqa: PLC0415  (an extra)
 
     with path.open("wb") as file:
@@ -45,16 +39,14 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
         for message in messages_of(dataset):
-            kind = message.kind
+            topic, kind = message.topic, message.kind
             if kind not in schemas:
-                definition = messages.definition(kind).encode()
-                schemas[kind] = writer.register_schema(kind, "ros2msg", definition)
-            if message.topic not in channels:
-                channels[message.topic] = writer.register_channel(
-                    message.topic, "cdr", schemas[kind]
-                )
-            data = messages.serialized(message)
-            writer.add_message(channels[message.topic], message.time, data, message.time)
+                definition, _ = types.generate_msgdef(kind, ros_version=2)
+                schemas[kind] = writer.register_schema(kind, "ros2msg", definition.encode())
+            if topic not in channels:
+                channels[topic] = writer.register_channel(topic, "cdr", schemas[kind])
+            data = serialized(types, message)
+            writer.add_message(channels[topic], message.time, data, message.time)
         writer.finish()
 
 

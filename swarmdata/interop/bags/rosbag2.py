@@ -8,7 +8,7 @@ folder. Such a bag can be read again by `swarmdata import`, with a map. Write on
 from pathlib import Path
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.interop.bags.bag_messages import RosMessages, messages_of, refuse_frame
+from swarmdata.interop.bags.bag_messages import messages_of, open_types, serialized
 from swarmdata.interop.bags.mcap_file import KEPT_NAMES, RECIPE_FILE
 from swarmdata.interop.conversion.export_note import write_note
 from swarmdata.interop.formats import Format
@@ -17,14 +17,8 @@ METADATA_VERSION = 9  # of metadata.yaml: the newest that `rosbags` writes
 
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
-    """Writes a view as one bag.
-
-    Raises:
-        ConversionError: the data are in another frame than the world's.
-        MissingExtraError: the extra `logs` is not installed.
-    """
-    refuse_frame(frame)
-    messages = RosMessages()
+    """Writes a view as one bag."""
+    types = open_types(frame)
     from rosbags.rosbag2 import (  # noqa: PLC0415  (an extra)
         CompressionFormat,
         CompressionMode,
@@ -39,12 +33,10 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
     with writer:
         connections = {}
         for message in messages_of(dataset):
-            if message.topic not in connections:
-                connections[message.topic] = writer.add_connection(
-                    message.topic, message.kind, typestore=messages.store
-                )
-            data = messages.serialized(message)
-            writer.write(connections[message.topic], message.time, data)
+            topic = message.topic
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, message.kind, typestore=types)
+            writer.write(connections[topic], message.time, serialized(types, message))
     write_note(dataset, path, frame)
     (path / RECIPE_FILE).write_text(dataset.recipe.to_yaml(), encoding="utf-8")
 

@@ -1,7 +1,8 @@
-"""Names of everything that a dataset holds, and its steps in blocks, for converters."""
+"""What a dataset holds, for converters: names, agents, rows in blocks and as values of spaces."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
+from itertools import accumulate
 from typing import Any, TypeVar
 
 import numpy as np
@@ -9,21 +10,27 @@ from numpy.typing import NDArray
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.runtime.mapped_pages import MappedReads
+from swarmdata.specs.origins import RecordedAgent, Spec
+from swarmdata.specs.spaces import (
+    BoxSpace,
+    DictSpace,
+    DiscreteSpace,
+    MultiDiscreteSpace,
+    Space,
+    TupleSpace,
+    width,
+)
 from swarmdata.types import (
     OPTIONAL_STATE_FIELDS,
     OPTIONAL_STEP_FIELDS,
     STATE_FIELDS,
     STEP_FIELDS,
+    Float,
 )
 
-STATE_ARRAYS = (*STATE_FIELDS, *OPTIONAL_STATE_FIELDS)
-"""Arrays of an episode with T + 1 rows."""
-
-STEP_ARRAYS = (*STEP_FIELDS, *OPTIONAL_STEP_FIELDS)
-"""Arrays of an episode with T rows."""
-
-TIME_ARRAYS = (*STATE_ARRAYS, *STEP_ARRAYS)
-"""Both."""
+STATE_ARRAYS = (*STATE_FIELDS, *OPTIONAL_STATE_FIELDS)  # arrays of an episode with T + 1 rows
+STEP_ARRAYS = (*STEP_FIELDS, *OPTIONAL_STEP_FIELDS)  # arrays of an episode with T rows
+TIME_ARRAYS = (*STATE_ARRAYS, *STEP_ARRAYS)  # both
 
 NOTED_FACTS = ("seed", "policy", "end_reason", "split", "spec")
 """What the note of an export says, see `ExportNote`."""
@@ -38,8 +45,7 @@ Arrays = Mapping[str, NDArray[Any]]
 
 Key = TypeVar("Key")
 
-BLOCK_BYTES = 32 << 20
-"""Approximate size of the part of a dataset that is in memory at a time."""
+BLOCK_BYTES = 32 << 20  # approximate size of the part of a dataset that is in memory at a time
 
 
 def array_names(dataset: Dataset) -> tuple[str, ...]:
@@ -60,12 +66,7 @@ def row_shapes(dataset: Dataset) -> dict[str, tuple[tuple[int, ...], np.dtype[An
 
 
 def time_keys(kept: Mapping[str, Key], after: Callable[[Key], Key]) -> dict[str, Key]:
-    """The keys of arrays over time in a format, with those of states after a step.
-
-    Args:
-        kept: keys of what the format keeps, by our names.
-        after: the key of the states after each step, from that of the states.
-    """
+    """A format's keys of arrays over time; `after` turns that of states into that after a step."""
     keys = {name: kept[name] for name in TIME_ARRAYS if name in kept}
     following = {NEXT_PREFIX + name: after(keys[name]) for name in STATE_ARRAYS if name in keys}
     return keys | following
@@ -98,3 +99,31 @@ def step_blocks(dataset: Dataset) -> Iterator[tuple[int, dict[str, NDArray[Any]]
             yield first, block
             columns.clear()
             first, n_steps = first + n_steps, 0
+
+
+def recorded_agents(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
+    """The agents and their spaces, with O columns of an observation."""
+    observed = spec.observation_spaces(n_columns)
+    facts = zip(spec.agent_names, observed, spec.action_spaces, strict=True)
+    return tuple(RecordedAgent(name=n, observation=o, action=a) for n, o, a in facts)
+
+
+def split_rows(space: Space, rows: Float) -> Any:
+    """The values in rows [n, at least width(space)], in the structure and dtypes of their space."""
+    n = len(rows)
+    match space:
+        case DictSpace():
+            keys = sorted(space.spaces)
+            values = split_rows(TupleSpace(spaces=tuple(space.spaces[k] for k in keys)), rows)
+            return dict(zip(keys, values, strict=True))
+        case TupleSpace():
+            ends = accumulate(width(part) for part in space.spaces)
+            parts = zip(space.spaces, ends, strict=True)
+            return tuple(split_rows(part, rows[:, end - width(part) : end]) for part, end in parts)
+        case BoxSpace():
+            return rows[:, : width(space)].astype(space.dtype).reshape(n, *space.shape)
+        case DiscreteSpace():
+            return rows[:, 0].astype(np.int64)
+        case MultiDiscreteSpace():
+            return rows[:, : width(space)].astype(np.int64)
+    return rows[:, : width(space)].astype(np.int8)

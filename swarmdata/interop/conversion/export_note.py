@@ -1,7 +1,6 @@
 """ExportNote: the identity, spec and episode table that travel with exported data.
 
-It is stored as text in an attribute or file of the foreign format. An import then reads episode
-boundaries, spaces, splits and policies instead of inferring them.
+An import reads episode boundaries, spaces, splits and policies from it instead of inferring them.
 """
 
 from collections.abc import Iterator
@@ -68,22 +67,16 @@ class ExportNote(Frozen):
 
     def episode(self, k: int, rows: Arrays, layout: Float | None) -> Episode:
         """Episode k, of its arrays."""
-        table = self.episodes
-        return build_episode(
-            rows,
-            seed=table.seeds[k],
-            policy=table.policy[k],
-            end=table.end_reason[k],
-            layout=layout,
-        )
+        seed, policy = self.episodes.seeds[k], self.episodes.policy[k]
+        end = self.episodes.end_reason[k]
+        return build_episode(rows, seed=seed, policy=policy, end=end, layout=layout)
 
 
 def note_of(dataset: Dataset, frame: str) -> ExportNote:
-    """Returns the note of an export of a view, whose observations and actions are in a frame.
+    """The note of an export of a view, whose observations and actions are in a frame.
 
     Raises:
-        ConversionError: its rewards are those of a function, which no spec describes: an import
-            would score its returns as those of the task.
+        ConversionError: its rewards are those of a function, which no spec describes.
     """
     table, spec = dataset.episodes, dataset.spec
     if isinstance(dataset.reweighting, Relabeling):
@@ -99,11 +92,7 @@ def note_of(dataset: Dataset, frame: str) -> ExportNote:
         spec=spec,
         policies=dataset.recipe.policies,
         episodes=EpisodeColumns(
-            lengths=tuple(table.lengths.tolist()),
-            seeds=tuple(table.seeds.tolist()),
-            policy=tuple(table.policy.tolist()),
-            split=tuple(table.split.tolist()),
-            end_reason=tuple(table.end_reason.tolist()),
+            **{name: tuple(getattr(table, name).tolist()) for name in EpisodeColumns.model_fields}
         ),
         frame=frame,
     )
@@ -121,11 +110,7 @@ def read_note(folder: Path) -> ExportNote | None:
 
 
 def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
-    """Reads a note.
-
-    Raises:
-        ConversionError: the note is damaged, or of data in another frame than the world's.
-    """
+    """Reads a note; ConversionError if it is damaged, or of another frame than the world's."""
     try:
         note = ExportNote.parse(parse_json(text, str(source)), str(source))
     except SpecError as error:
@@ -143,17 +128,10 @@ def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
 def import_with_note(
     note: ExportNote, read: ReadRows, n_rows: int, source: str, layouts: Float | None = None
 ) -> ImportedData:
-    """Imports data that this library exported.
+    """Imports data that this library exported; ConversionError if rows do not fit the note.
 
-    Args:
-        note: note of the export.
-        read: reads arrays by name, for states also those after each step (`NEXT_PREFIX`).
-        n_rows: number of rows.
-        source: name for errors.
-        layouts: obstacles of each episode, [n, M, 8], if they were kept.
-
-    Raises:
-        ConversionError: the rows do not fit the note; flags are checked when an episode is taken.
+    Arrays that `read` gives of states come twice, also after each step (`NEXT_PREFIX`); obstacles
+    of each episode, [n, M, 8], only if they were kept.
     """
     lengths = note.episodes.lengths
     if sum(lengths) != n_rows:

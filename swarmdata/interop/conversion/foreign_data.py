@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,14 +24,14 @@ from swarmdata.interop.conversion.imported_data import (
     AgentShapes,
     ImportedData,
     build_episode,
+    leaving,
     spec_from_shapes,
 )
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Bool, Episode
 
-MOST_UNREAD = 20
-"""Arrays without a place that a card names."""
+MOST_UNREAD = 20  # arrays without a place that a card names
 
 ReadRows = Callable[[slice], Arrays]
 """Reads a slice of rows, by the names of an episode's fields, as `admit_rows` takes them.
@@ -57,7 +58,6 @@ class Timeline:
     has_next: bool  # whether `read` gives the observations after each step
 
     def __len__(self) -> int:
-        """Number of steps."""
         return len(self.terminals)
 
     @cached_property
@@ -77,23 +77,14 @@ class Span:
     is_cut: bool = False  # the row after the last is of this episode, too
 
     def __len__(self) -> int:
-        """Number of steps."""
         return self.stop - self.start
 
 
 def find_spans(timelines: Sequence[Timeline], choices: Choices) -> list[list[Span]]:
-    """Finds the episodes of each timeline, by its flags and the user's choices.
-
-    Raises:
-        ConversionError: the data do not tell where episodes end, or why.
-    """
+    """The episodes of each timeline; ConversionError if the data do not tell where they end."""
     found = [_spans(timeline, choices) for timeline in timelines]
     _refuse_hidden_limit(timelines, found, choices)
-    found = [_kept(*each, choices) for each in zip(timelines, found, strict=True)]
-    for timeline, spans in zip(timelines, found, strict=True):
-        if not spans:
-            raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
-    return found
+    return [_kept(*each, choices) for each in zip(timelines, found, strict=True)]
 
 
 def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
@@ -107,11 +98,9 @@ def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
             "and truncations look the same. Pass time_limit=STEPS, time_limit=0 if there is no "
             "limit, or episode_length=STEPS if all episodes have the same length."
         )
-    ends, start, spans = _ends(timeline, choices), 0, []
-    for stop in ends:
-        spans.append(_span(timeline, start, stop, choices))
-        start = stop
-    return spans + _tail(timeline, start, choices)
+    edges = [0, *_ends(timeline, choices)]
+    spans = [_span(timeline, *rows, choices) for rows in pairwise(edges)]
+    return spans + _tail(timeline, edges[-1], choices)
 
 
 def _span(timeline: Timeline, start: int, stop: int, choices: Choices) -> Span:
@@ -129,27 +118,25 @@ def _span(timeline: Timeline, start: int, stop: int, choices: Choices) -> Span:
 
 
 def _kept(timeline: Timeline, spans: Sequence[Span], choices: Choices) -> list[Span]:
-    """The episodes whose last observation is known or may be made up."""
-    if timeline.has_next or choices.final == "repeat":
-        return list(spans)
-    if choices.final is None:
+    """The episodes whose last observation is known or may be made up; there has to be one."""
+    if not timeline.has_next and choices.final is None:
         raise ConversionError(
             f"{timeline.name} lacks the observation after the last action of each episode. "
             "Pass final='repeat' to repeat the one before it, or final='cut' to do so for "
             "terminated episodes only and to drop the last step of truncated ones."
         )
-    shorter = [
-        Span(span.start, span.stop - 1, span.end, is_cut=True) if span.end == "truncation" else span
-        for span in spans
-    ]
-    return [span for span in shorter if len(span)]
+    kept = []
+    for each in spans:
+        is_cut = not timeline.has_next and choices.final == "cut" and each.end == "truncation"
+        shorter = Span(each.start, each.stop - 1, each.end, is_cut=True) if is_cut else each
+        kept += [shorter] if len(shorter) else []
+    if not kept:
+        raise ConversionError(f"{timeline.name} has no whole episode, expected at least 1")
+    return kept
 
 
 def agent_ends(timeline: Timeline, span: Span) -> tuple[Bool, Bool]:
-    """In which steps of an episode agents were terminated and truncated, [T, N] each.
-
-    Whoever has no flag when the episode ends was truncated then.
-    """
+    """In which steps of an episode agents were terminated and truncated, at the last by its end."""
     window = slice(span.start, span.stop)
     gone = np.logical_or.accumulate(timeline.flags[window], axis=0)
     first = gone.copy()
@@ -196,12 +183,10 @@ def _flagged_ends(flags: Bool) -> list[int]:
     for agent in range(flags.shape[1]):
         upcoming = np.minimum.accumulate(np.where(flags[:, agent], rows, n)[::-1])[::-1]
         np.maximum(last, upcoming, out=last)  # of an episode that begins in the row
-    ends = []
-    start = 0
-    while start < n and last[start] < n:
-        start = int(last[start]) + 1
-        ends.append(start)
-    return ends
+    ends = [0]
+    while ends[-1] < n and last[ends[-1]] < n:
+        ends.append(int(last[ends[-1]]) + 1)
+    return ends[1:]
 
 
 def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
@@ -221,11 +206,7 @@ def _tail(timeline: Timeline, start: int, choices: Choices) -> list[Span]:
 def _refuse_hidden_limit(
     timelines: Sequence[Timeline], found: Sequence[Sequence[Span]], choices: Choices
 ) -> None:
-    """Refuses data in which a time limit was probably stored as a termination.
-
-    OMAR's particle data and OG-MARL's older wrappers store it so; a learner would then assume a
-    value of zero after the limit.
-    """
+    """Refuses time limits stored as terminations, as in OMAR's particle data and old OG-MARL."""
     if choices.time_limit is not None or choices.episode_length is not None:
         return
     spans = [span for each in found for span in each]
@@ -239,24 +220,13 @@ def _refuse_hidden_limit(
         )
 
 
-def cut_episodes(
-    timeline: Timeline, spans: Sequence[Span]
-) -> Iterator[tuple[dict[str, NDArray[Any]], Span]]:
-    """Yields the arrays of each episode, states with T + 1 rows, and its span.
-
-    Raises:
-        ConversionError: a state after a step differs from the state before the next one, or rows
-            do not fit together.
-        SchemaError: a number is not finite, or float32 does not hold it.
-    """
-    for span in spans:
-        where = f"{timeline.name}, rows {span.start} to {span.stop - 1}"
-        rows = timeline.read(slice(span.start, span.stop + span.is_cut))
-        ours = admit_rows(rows, timeline.terminals.shape[1], where)
-        yield join_states(
-            ours, len(span), timeline.name, span.start,
-            "The rows are shuffled, or an episode ends there: pass time_limit or episode_length.",
-        ), span  # fmt: skip
+def _rows_of(timeline: Timeline, span: Span) -> dict[str, NDArray[Any]]:
+    """The arrays of an episode, states with T + 1 rows."""
+    where = f"{timeline.name}, rows {span.start} to {span.stop - 1}"
+    rows = timeline.read(slice(span.start, span.stop + span.is_cut))
+    ours = admit_rows(rows, timeline.terminals.shape[1], where)
+    advice = "The rows are shuffled, or an episode ends there: pass time_limit or episode_length."
+    return join_states(ours, len(span), timeline.name, span.start, advice)
 
 
 def join_states(
@@ -264,17 +234,9 @@ def join_states(
 ) -> dict[str, NDArray[Any]]:
     """Joins states before and after each of the n steps of an episode, to n + 1 rows.
 
-    Where those after steps are unknown, the last one is that of a further row, or repeated.
-
-    Args:
-        rows: of the steps, and maybe a further one.
-        n: number of steps.
-        source: name of the source, for the error.
-        start: number of the episode's first row in it, likewise.
-        advice: last sentence of the error.
-
-    Raises:
-        ConversionError: a state after a step differs from the state before the next one.
+    Where those after steps are unknown, the last one is that of a further row, or repeated. Where
+    they differ from those before the next step, a ConversionError ends with `advice`; `start` is
+    the number of the episode's first row in the source.
     """
     whole = {}
     for name, values in rows.items():
@@ -298,15 +260,10 @@ def join_states(
 
 
 class BlockReader:
-    """A `ReadRows` that reads many rows at once and serves small slices from them.
+    """A `ReadRows` that reads many rows at once and serves small slices, in increasing order.
 
-    Slices should come in increasing order; other orders work but are slow.
-
-    Args:
-        read: reads some rows.
-        n_rows: number of rows.
-        row_bytes: approximate size of a row, which bounds the memory.
-        source: what is read, for errors: whatever `read` raises becomes one of ours.
+    The approximate size of a row bounds the memory; whatever `read` raises becomes an error of ours
+    about `source`.
     """
 
     def __init__(self, read: ReadRows, n_rows: int, row_bytes: int, source: Path | str) -> None:
@@ -335,17 +292,10 @@ def import_without_note(
     policies: tuple[PolicySource, ...] | None = None,
     unread: Sequence[str] = (),
 ) -> ImportedData:
-    """Imports data that this library did not write.
+    """Imports data that this library did not write, which have episodes' numbers for seeds.
 
-    Such data have no seeds, so the episodes' numbers take their place.
-
-    Args:
-        task: name of the environment.
-        shapes: sizes of its agents.
-        timelines: the data.
-        choices: the user's answers about it.
-        policies: behavior policies, one for each timeline; None: unknown.
-        unread: arrays of the data that no array of ours takes, for the card.
+    Policies are those of each timeline, None if unknown; `unread` are arrays that no array of ours
+    takes, for the card.
 
     Raises:
         ConversionError: the data are ambiguous and `choices` has no answer; or, when an episode is
@@ -363,7 +313,8 @@ def import_without_note(
     def episodes() -> Iterator[Episode]:
         number = 0
         for index, (timeline, each) in enumerate(zip(timelines, spans, strict=True)):
-            for rows, span in cut_episodes(timeline, each):
+            for span in each:
+                rows = _rows_of(timeline, span)
                 if "states" not in rows:
                     widths = enumerate(shapes.observations)  # without padding
                     rows["states"] = np.concatenate(
@@ -403,12 +354,11 @@ def _leave_early(timeline: Timeline, spans: Sequence[Span]) -> bool:
 def _mark_leaving(rows: dict[str, NDArray[Any]], timeline: Timeline, span: Span) -> None:
     """Adds which agents are alive, and zeroes the values of agents that have left."""
     terminated, cut = agent_ends(timeline, span)
-    alive = np.ones((len(span) + 1, terminated.shape[1]), dtype=np.bool_)
-    alive[1:] = ~np.logical_or.accumulate(terminated | cut, axis=0)
-    rows["alive"] = alive
-    rows["agent_terminations"], rows["agent_truncations"] = terminated, cut
-    seen = alive.copy()
-    seen[1:] |= alive[:-1]  # an agent also observes the state in which it leaves
+    acting = np.ones_like(terminated)
+    acting[1:] = ~np.logical_or.accumulate(terminated | cut, axis=0)[:-1]
+    rows |= leaving(acting, terminated)
+    seen = rows["alive"].copy()
+    seen[1:] |= acting  # an agent also observes the state in which it leaves
     rows["observations"] = rows["observations"] * seen[..., None]
-    rows["actions"] = rows["actions"] * alive[:-1, :, None]
-    rows["rewards"] = rows["rewards"] * alive[:-1]
+    rows["actions"] = rows["actions"] * acting[..., None]
+    rows["rewards"] = rows["rewards"] * acting

@@ -8,8 +8,7 @@ from typing import TypeVar
 
 from swarmdata.errors import ConversionError, SwarmdataError, quoted
 
-FREE_BYTES = 1 << 28
-"""Bytes that any file may unfold to."""
+FREE_BYTES = 1 << 28  # bytes that any file may unfold to
 
 MOST_EXPANSION = 200
 """Bytes that a larger file may unfold to for each of its own. Logs of robots at rest reach 100."""
@@ -26,13 +25,9 @@ _END = object()
 
 
 class ForeignFile:
-    """A file that a library of others reads.
+    """A file that a library of others reads; `hint` is what to do if it is damaged, a sentence.
 
     Only calls of the library belong into `call`: what our own code raises is a bug, and stays one.
-
-    Args:
-        path: of the file.
-        hint: what a user can do about a damaged file, a sentence.
     """
 
     def __init__(self, path: Path, hint: str = "") -> None:
@@ -42,11 +37,7 @@ class ForeignFile:
 
     @contextmanager
     def call(self) -> Iterator[None]:
-        """Turns whatever the library raises into an error with the path and the place.
-
-        Raises:
-            ConversionError: the library failed; errors of ours pass.
-        """
+        """Turns whatever the library raises into a ConversionError with the path and the place."""
         try:
             yield
         except SwarmdataError:
@@ -67,11 +58,7 @@ class ForeignFile:
             yield item  # type: ignore[misc]
 
     def take(self, n_bytes: int) -> None:
-        """Counts bytes that the file declares, or that are unpacked of it, before they are held.
-
-        Raises:
-            ConversionError: the file unfolds to far more than it holds.
-        """
+        """Counts unpacked bytes before they are held; ConversionError if they are far too many."""
         if self._left is None:
             self._left = max(FREE_BYTES, MOST_EXPANSION * self.path.stat().st_size)
         self._left -= n_bytes
@@ -94,11 +81,7 @@ def reading(source: Path | str, hint: str = "") -> AbstractContextManager[None]:
 
 
 def check_stored(source: Path | str, declared: int, stored: int) -> None:
-    """Compares the bytes that a file, or an array in it, declares with those that it stores.
-
-    Raises:
-        ConversionError: far more is declared than any compression explains.
-    """
+    """Raises ConversionError if far more bytes are declared than any packing explains."""
     if declared > FREE_ARRAY_BYTES + MOST_ARRAY_EXPANSION * stored:
         raise ConversionError(
             f"{source} declares {declared / 1e6:,.0f} MB, but stores {stored / 1e6:,.3f} MB, "
@@ -111,9 +94,6 @@ def check_plain(source: Path) -> None:
     """Refuses what is neither a file nor a folder, and links in a folder that lead out of it.
 
     Otherwise a folder from the internet could name any file of this machine as its data.
-
-    Raises:
-        ConversionError: naming the path.
     """
     if source.is_file():
         return

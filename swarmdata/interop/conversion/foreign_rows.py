@@ -1,8 +1,4 @@
-"""The gate for rows of others: what a reader hands over becomes our arrays here, or is refused.
-
-Readers give what they find, [n, ...], as it is stored; agents, dtypes and flags are looked at in
-this module alone.
-"""
+"""The gate for rows of others, as they are stored: they become our arrays here, or are refused."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -21,14 +17,10 @@ from swarmdata.types import Bool
 
 
 def admit_rows(rows: Arrays, n_agents: int, where: str) -> dict[str, NDArray[Any]]:
-    """Returns rows of others as our arrays.
+    """Returns rows of others, by our names, [n, ...], as our arrays of N agents.
 
-    Args:
-        rows: by our names, [n, ...], states also after each step (`NEXT_PREFIX`); observations
-            and actions of one agent after the other, with or without an axis for the agents;
-            rewards of the team or of each agent.
-        n_agents: number of agents, N.
-        where: names the rows in errors.
+    States come also after each step (`NEXT_PREFIX`); observations and actions are of one agent
+    after the other, with or without an axis for the agents; rewards are of the team or of each.
 
     Raises:
         SchemaError: float32 does not hold a number, or it is none.
@@ -57,11 +49,7 @@ def admit_rows(rows: Arrays, n_agents: int, where: str) -> dict[str, NDArray[Any
 
 
 def admit_exported(rows: Arrays, n_rows: int, where: str) -> None:
-    """Checks the rows of an export of this library, which have the dtypes of our arrays.
-
-    Raises:
-        ConversionError: they were changed.
-    """
+    """Raises ConversionError unless rows of an export still have the dtypes of our arrays."""
     needed = {"observations", "actions", "rewards", "terminations", "truncations"}
     needed |= {NEXT_PREFIX + name for name in STATE_ARRAYS if name in rows}
     wrong = [f"no {name}" for name in sorted(needed - set(rows))]
@@ -77,11 +65,7 @@ def admit_exported(rows: Arrays, n_rows: int, where: str) -> None:
 
 
 def flags_of(values: Any, n_agents: int, where: str) -> Bool:
-    """Returns flags of each agent in each row, [n, N]; a team's flag counts for every agent.
-
-    Raises:
-        ConversionError: they are no flags, or not of so many agents.
-    """
+    """Flags of each agent in each row, [n, N], of 0 and 1; a team's flag is that of each agent."""
     return _of_each_agent(_bits(values, where), n_agents, where)
 
 
@@ -105,11 +89,7 @@ def _of_each_agent(values: NDArray[Any], n_agents: int, where: str) -> NDArray[A
 
 
 def agent_columns(values: NDArray[Any], n_agents: int, where: str) -> NDArray[Any]:
-    """Divides the columns of a team among its agents, [n, N, columns].
-
-    Raises:
-        ConversionError: they cannot be divided.
-    """
+    """Divides the columns of a team among its agents, [n, N, columns], or refuses them."""
     n_columns = columns_of(values.shape)
     if n_columns % n_agents:
         raise ConversionError(
@@ -125,11 +105,7 @@ def columns_of(shape: Sequence[int]) -> int:
 
 
 def count_choices(actions: NDArray[Any], where: str) -> tuple[int, ...]:
-    """Counts the choices in each column of whole-number actions, [..., A]; () for other actions.
-
-    Raises:
-        ConversionError: there are none, they are negative, or float32 does not hold them.
-    """
+    """Counts of choices in each column of whole-number actions, [..., A]; () for other actions."""
     if actions.dtype.kind not in "iu":
         return ()
     if not actions.size:
@@ -165,11 +141,7 @@ def pad_agents(values: Sequence[NDArray[Any]]) -> NDArray[Any]:
 
 
 def check_lengths(counts: Mapping[str, int], source: str) -> int:
-    """Returns the number of rows that all arrays have.
-
-    Raises:
-        ConversionError: there are none, or they differ.
-    """
+    """The number of rows that all arrays have; ConversionError if there are none or they differ."""
     if len(set(counts.values())) != 1:
         raise ConversionError(f"{source} has arrays of different lengths: {dict(counts)}")
     n_rows = next(iter(counts.values()))
@@ -181,17 +153,10 @@ def check_lengths(counts: Mapping[str, int], source: str) -> int:
 def team_shapes(
     observations: Sequence[int], actions: Any, choices: Choices, source: str, n_states: int = 0
 ) -> AgentShapes:
-    """Returns the sizes of a team of equal agents: from the agent axis, else from the user.
+    """Sizes of a team of equal agents, by the agent axis of observations, else by the user.
 
-    Args:
-        observations: shape of the observations, [n, O], [n, N * O] or [n, N, O].
-        actions: array or file of the actions, [n, ...]; all are read if they are whole numbers.
-        choices: the user's answers.
-        source: name for errors.
-        n_states: columns of the state.
-
-    Raises:
-        ConversionError: the columns cannot be divided among the agents.
+    These have the shape [n, O], [n, N * O] or [n, N, O]; actions, an array or file [n, ...], are
+    all read if they are whole numbers.
     """
     if len(observations) > 3:
         raise ConversionError(

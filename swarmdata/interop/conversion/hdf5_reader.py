@@ -1,8 +1,6 @@
 """HDF5 files of others, opened so that they give nothing but numbers of their own.
 
-A file may name other files of this machine as the content of its arrays (external raw storage,
-external links, virtual datasets), which an import would then publish; and it may declare arrays
-that were never stored.
+A file may name other files of this machine as content, which an import would then publish.
 """
 
 import math
@@ -14,17 +12,12 @@ from typing import Any
 from swarmdata.errors import ConversionError
 from swarmdata.interop.conversion.foreign_file import check_stored, reading
 
-MOST_CHUNK_BYTES = 256 << 20
-"""Of a chunk in memory, which is unpacked as a whole."""
+MOST_CHUNK_BYTES = 256 << 20  # of a chunk in memory, which is unpacked as a whole
 
 
 @contextmanager
 def open_hdf5(path: Path) -> Iterator[Any]:
-    """Opens a file for reading; yields h5py's object.
-
-    Raises:
-        ConversionError: it cannot be read, refers to other files, or declares more than it stores.
-    """
+    """Opens a file that neither refers to other files nor declares more than it stores."""
     import h5py  # noqa: PLC0415  (heavy)
 
     with reading(path, "It is damaged, or not an HDF5 file."):
@@ -80,11 +73,7 @@ def _check_array(array: Any, place: str) -> None:
 
 
 def numbers(file: Any, key: str, source: Path) -> Any:
-    """Returns the array `key` of a file, which holds rows of numbers.
-
-    Raises:
-        ConversionError: there is no such array, or it holds something else.
-    """
+    """The array `key` of a file; ConversionError unless it holds rows of numbers."""
     found = file.get(key)
     dtype = getattr(found, "dtype", None)
     if dtype is None or dtype.kind not in "biuf" or not found.shape:

@@ -75,12 +75,8 @@ def create_hdf5(path: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
     """Opens a new HDF5 file for writing.
 
     Yields:
-        h5py's file, and a function that raises the first failed write; to be called after each
-        block, which bounds the memory.
-
-    Raises:
-        OSError: the file could not be written, for example because no space is left; known for
-            certain only at the end of the block.
+        h5py's file, and a function that raises the first failed write, an OSError; called after
+        each block, it bounds the memory.
     """
     import h5py  # noqa: PLC0415  (heavy)
 

@@ -12,7 +12,7 @@ from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.specs.origins import AnySpec, RecordedSpec
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace, MultiDiscreteSpace, Space
-from swarmdata.types import END_REASONS, Counts, Episode, Float, no_messages
+from swarmdata.types import END_REASONS, Bool, Counts, Episode, Float, no_messages
 
 UNKNOWN_POLICIES = (PolicySource(label="unknown", name="external"),)
 """Behavior policies of data that do not name them."""
@@ -42,12 +42,7 @@ class AgentShapes:
 
 
 def spec_from_shapes(task: str, shapes: AgentShapes, choices: Choices) -> RecordedSpec:
-    """The spec of an environment of which only data exist.
-
-    Raises:
-        ConversionError: the number of names differs from the number of agents.
-        SpecError: a recording cannot have such a name or size.
-    """
+    """The spec of an environment of which only data exist."""
     n = len(shapes.observations)
     names = choices.agents or tuple(f"agent_{k}" for k in range(n))
     if len(names) != n:
@@ -87,13 +82,9 @@ def build_episode(
 ) -> Episode:
     """Builds an episode of the given arrays; all others are empty.
 
-    Args:
-        rows: at least observations [T+1, N, O], actions [T, N, A] and rewards [T, N].
-        seed: seed of the episode.
-        policy: index into the policies.
-        end: `termination` or `truncation`, or the code of the end reason. The team's flags are in
-            `rows`, or follow from it.
-        layout: obstacles, [M, 8].
+    There are at least observations [T+1, N, O], actions [T, N, A] and rewards [T, N]. The end is
+    `termination`, `truncation`, or the code of an end reason; it gives the team's flags where
+    `rows` has none. The layout is [M, 8].
     """
     n, n_agents = rows["rewards"].shape
     if isinstance(end, str):
@@ -110,3 +101,11 @@ def build_episode(
         **no_messages(n + 1, n_agents),
     }
     return Episode(**{**empty, **rows, "seed": seed, "policy": policy, "end_reason": end})
+
+
+def leaving(acting: Bool, terminated: Bool) -> dict[str, Bool]:
+    """Arrays of an episode in which agents do not always act, and where they terminate, [T, N]."""
+    alive = np.concatenate([acting, np.zeros_like(acting[:1])])
+    stops = acting & ~alive[1:]
+    cut = stops & ~terminated
+    return {"alive": alive, "agent_terminations": stops & terminated, "agent_truncations": cut}

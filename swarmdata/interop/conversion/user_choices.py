@@ -29,11 +29,7 @@ class Choices:
     agents: tuple[str, ...] | None = None  # names, in order; by default `agent_0`, `agent_1`, ...
 
     def __post_init__(self) -> None:
-        """Checks the ranges.
-
-        Raises:
-            ConversionError: a number is out of range, or two answers contradict each other.
-        """
+        """Checks the ranges."""
         problems = []
         if self.time_limit is not None and self.time_limit < 0:
             problems.append(f"time_limit is {self.time_limit}, expected 0 (none) or more")
@@ -47,28 +43,18 @@ class Choices:
             problems.append(f"unfinished is {self.unfinished!r}, expected 'truncate' or 'drop'")
         if self.agents is not None and len(set(self.agents)) != len(self.agents):
             problems.append(f"agents are {self.agents}, expected different names")
-        if (
-            self.action_low is not None
-            and self.action_high is not None
-            and self.action_low > self.action_high
-        ):
-            problems.append(f"action_low {self.action_low} is above action_high {self.action_high}")
+        low, high = self.action_low, self.action_high
+        if low is not None and high is not None and low > high:
+            problems.append(f"action_low {low} is above action_high {high}")
         if problems:
             raise ConversionError("; ".join(problems))
 
     @classmethod
     def of(cls, *, agents: str | None = None, **answers: Any) -> "Choices":
-        """Choices from the command line, where agents are a number or names separated by commas.
-
-        Raises:
-            ConversionError: an answer is out of range.
-        """
-        n_agents, names = None, None
+        """Choices from the command line, where agents are a number or names separated by commas."""
         if agents is not None and agents.isdecimal():
-            n_agents = int(agents)
-        elif agents is not None:
-            names = tuple(agents.split(","))
-        return cls(n_agents=n_agents, agents=names, **answers)
+            return cls(n_agents=int(agents), **answers)
+        return cls(agents=None if agents is None else tuple(agents.split(",")), **answers)
 
     def answered(self) -> dict[str, str]:
         """The answers that were given, for the record."""
@@ -78,11 +64,7 @@ class Choices:
 
 
 def absolute_path(path: Path | str) -> Path:
-    """Returns the absolute path that is meant; `~` is a home folder.
-
-    Raises:
-        ConversionError: it begins with `~NAME`, and there is no such user.
-    """
+    """The absolute path that is meant; `~` is a home folder, `~NAME` that of a known user."""
     try:
         return Path(path).expanduser().absolute()
     except RuntimeError as error:  # pathlib's, for a user without a home folder

@@ -1,7 +1,6 @@
 """Messages of bags as bytes: MCAP, SQLite files and rosbag2 folders of ROS 2, and bags of ROS 1.
 
-Every checksum of a format is checked, and only topics that are asked for leave this module: what
-other channels hold, and in which encoding, does not matter.
+Every checksum of a format is checked, and only topics that are asked for leave this module.
 """
 
 import os
@@ -53,12 +52,7 @@ class RawMessage(NamedTuple):
 
 
 def raw_messages(path: Path, topics: Collection[str], known: set[str]) -> Iterator[RawMessage]:
-    """Yields the messages of some topics, in the order in which they were stored.
-
-    Raises:
-        ConversionError: the bag is damaged, incomplete, or of an unknown kind.
-        FileKindError: a file is no regular file.
-    """
+    """Yields the messages of some topics as they were stored; `known` gets the names of all."""
     if not path.is_dir():
         yield from _of_file(path, ForeignFile(path, _HINTS.get(path.suffix, "")), topics, known)
         return
@@ -67,8 +61,7 @@ def raw_messages(path: Path, topics: Collection[str], known: set[str]) -> Iterat
         hint = next((hint for suffix, hint in _HINTS.items() if suffix in name), "")
         source = ForeignFile(path / name, hint)
         with tempfile.TemporaryDirectory() as scratch:
-            is_packed = mode == "file"
-            file = _unpacked_copy(source, Path(scratch)) if is_packed else source.path
+            file = _unpacked_copy(source, Path(scratch)) if mode == "file" else source.path
             packing = "zstd" if mode == "message" else ""
             for message in _of_file(file, source, topics, known):
                 yield message._replace(content=_unpacked(source, packing, message.content))
@@ -121,38 +114,33 @@ def _of_file(
 
 def _unpacked_copy(source: ForeignFile, folder: Path) -> Path:
     """A copy without the compression of the whole file."""
-    import zstandard  # noqa: PLC0415  (comes with mcap)
-
     check_regular(source.path)
     copy = folder / source.path.stem
     with source.path.open("rb") as packed, copy.open("wb") as file:
-        stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
-        for block in source.each(iter(lambda: stream.read(_BLOCK), b"")):
-            source.take(len(block))
-            file.write(block)
+        file.writelines(_blocks(source, "zstd", packed))
     return copy
 
 
 def _unpacked(source: ForeignFile, packing: str, content: bytes) -> bytes:
+    return content if packing == "" else b"".join(_blocks(source, packing, content))
+
+
+def _blocks(source: ForeignFile, packing: str, packed: Any) -> Iterator[bytes]:
     """Decompressed bytes, of which no more are ever held than the file may unfold to."""
-    if packing == "":
-        return content
     import lz4.frame  # noqa: PLC0415  (both come with mcap)
     import zstandard  # noqa: PLC0415
 
     if packing == "zstd":
         with source.call():
-            stream = zstandard.ZstdDecompressor().stream_reader(content, read_across_frames=True)
-        blocks = source.each(iter(lambda: stream.read(_BLOCK), b""))
+            stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+        blocks = iter(lambda: stream.read(_BLOCK), b"")
     elif packing == "lz4":
-        blocks = source.each(_lz4_blocks(lz4.frame.LZ4FrameDecompressor(), content))
+        blocks = _lz4_blocks(lz4.frame.LZ4FrameDecompressor(), packed)
     else:
         raise source.broken(f"its compression is {packing!r}, expected zstd, lz4 or none")
-    found = []
-    for block in blocks:
+    for block in source.each(blocks):
         source.take(len(block))
-        found.append(block)
-    return b"".join(found)
+        yield block
 
 
 def _lz4_blocks(unpacker: Any, content: bytes) -> Iterator[bytes]:

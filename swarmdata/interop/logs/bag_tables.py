@@ -33,8 +33,7 @@ STATIC_TYPES = ("tf2_msgs/msg/TFMessage", "tf2_msgs/TFMessage")
 MOST_TILT = 1e-3
 """Greatest share of x and y in a static transform's quaternion: frames turn in the plane only."""
 
-MOST_DEPTH = 32
-"""Of mappings inside each other in a message of JSON."""
+MOST_DEPTH = 32  # of mappings inside each other in a message of JSON
 
 _TIME_UNITS = {"time": "ns", "log_time": "ns"}
 
@@ -57,8 +56,7 @@ def read_bag(path: Path, topics: Collection[str]) -> BagContents:
     """Reads some topics of a bag, and its static transforms.
 
     Raises:
-        ConversionError: it is no bag, it is damaged, or messages that are read have an unknown
-            encoding or type.
+        ConversionError: it is no bag, is damaged, or has messages of an unknown encoding or type.
         FileKindError: a file of it is no regular file.
         MissingExtraError: the libraries are not installed.
     """
@@ -119,7 +117,11 @@ class _Columns:
             padded = values + [None] * (len(order) - len(values))
             cells[key] = _column([padded[k] for k in order])
         log_times = np.array([self.times[k] for k in order], np.int64)
-        numbers = {key: each for key, each in cells.items() if isinstance(each, np.ndarray)}
+        numbers = {
+            key: each
+            for key, each in cells.items()
+            if isinstance(each, np.ndarray) and each.dtype != object
+        }
         cells |= {**_short_names(numbers), "log_time": log_times}
         cells["time"] = _times(name, numbers, log_times)
         return LogTable(name, cells, _TIME_UNITS, self.frames.pop() if self.frames else "")
@@ -198,11 +200,7 @@ def _short_names(cells: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
 
 
 def _transforms(path: Path, messages: Iterable[Any]) -> Iterator[StaticTransform]:
-    """The static transforms of messages of the type tf2_msgs/TFMessage.
-
-    Those that are tilted out of the plane, or have a quaternion of zeros, are left out; poses in
-    such a frame are refused.
-    """
+    """The static transforms of TFMessages, without those that are tilted out of the plane."""
     for message in messages:
         for each in message.transforms:
             place, turn = each.transform.translation, each.transform.rotation
@@ -228,11 +226,7 @@ _IDL_RULE = "=" * 80 + "\n"
 
 
 def decoded(message: RawMessage) -> Any:
-    """The content of a message: an instance of its class, or mappings, lists and values of JSON.
-
-    Raises:
-        ConversionError: the message is damaged, or its encoding or type is not known.
-    """
+    """The content of a message: an instance of its class, or mappings, lists and values of JSON."""
     channel, source = message.channel, message.source
     if channel.encoding not in ("json", "cdr", "ros1"):
         raise ConversionError(

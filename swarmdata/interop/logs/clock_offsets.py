@@ -1,13 +1,8 @@
 """Offsets of the clocks of commands, estimated by the motion that follows them.
 
-Commands that a robot logged itself and poses of motion capture have different clocks. Shifted by
-the right offset, the commands explain the measured motion best. Where poses have one clock for all
-robots, this also gives the offsets between the robots' clocks. A robot's reaction time cannot be
-told from its clock: it is part of the offset.
-
 The score of an offset is the squared correlation of the mean command with the mean motion over half
 steps, averaged over what is commanded. Its maximum is refined by a parabola, and its standard error
-is that of the maxima of eight parts of the log.
+is that of the maxima of eight parts of the log. A robot's reaction time is part of its offset.
 """
 
 from collections.abc import Sequence
@@ -23,30 +18,16 @@ from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock
 from swarmdata.types import Bool, Double, Int
 
-LEAST_EXPLAINED = 0.2
-"""Least share of the motion's variance that commands explain at the offset."""
-
-ALMOST_AS_GOOD = 0.9
-"""Offsets whose score is this share of the best one could be right too."""
-
-LEAST_OVERLAP = 0.3
-"""Least share of the log in which poses and shifted commands are both known."""
-
-N_PARTS = 8
-"""Parts of the log whose offsets give the standard error."""
+LEAST_EXPLAINED = 0.2  # least share of the motion's variance that commands explain at the offset
+ALMOST_AS_GOOD = 0.9  # offsets whose score is this share of the best one could be right too
+LEAST_OVERLAP = 0.3  # least share of the log in which poses and shifted commands are both known
+N_PARTS = 8  # parts of the log whose offsets give the standard error
 
 
 def align_commands(
     signals: Sequence[RobotSignals], log_map: LogMap, known: Sequence[EstimatedClock] | None = None
 ) -> tuple[list[RobotSignals], tuple[EstimatedClock, ...]]:
-    """Shifts commands whose clock offset the map asks to estimate, unless it is known.
-
-    Returns:
-        the signals, and the offsets.
-
-    Raises:
-        ConversionError: the data do not determine an offset.
-    """
+    """Shifts commands by the clock offsets that the map asks to estimate, or that are known."""
     found, clocks = [], []
     taken = {clock.robot: clock for clock in known or ()}
     for each in signals:
@@ -61,11 +42,7 @@ def align_commands(
 
 
 def estimate_offset(signals: RobotSignals, log_map: LogMap) -> EstimatedClock:
-    """Estimates by how much a robot's commands have to be shifted.
-
-    Raises:
-        ConversionError: the data do not determine it.
-    """
+    """By how much a robot's commands have to be shifted; ConversionError if the data do not say."""
     fit = _Fit.of(signals, log_map)
     name, search, dt = signals.robot.name, log_map.clock_search, log_map.dt
     what = f"the clock offset of the commands of {name} is not determined: "
@@ -137,10 +114,10 @@ class _Fit:
         named = [str(command.components[k].commands) for k in columns]
         motion = np.stack([measured[name] for name in named], axis=1)[known]
         values = signals.commands.values[:, columns]
-        moving = (np.ptp(values, axis=0) > 0) & (
-            np.ptp(motion, axis=0) > 0 if len(motion) else False
-        )
-        if not np.any(moving):
+        if not len(motion):
+            return None
+        moving = (np.ptp(values, axis=0) > 0) & (np.ptp(motion, axis=0) > 0)
+        if not moving.any():
             return None
         return cls(
             starts=(grid[:-1][known] - origin) / NANOSECONDS,
@@ -177,25 +154,20 @@ class _Fit:
     def parts(self, offset: float) -> list["_Fit"]:
         """Parts of the log in which commands are known and change."""
         pieces = np.array_split(np.arange(len(self.starts)), N_PARTS)
-        parts = [
-            replace(self, starts=self.starts[piece], motion=self.motion[piece]) for piece in pieces
-        ]
+        parts = [replace(self, starts=self.starts[k], motion=self.motion[k]) for k in pieces]
         return [part for part in parts if part.score(offset) > 0]
 
     def _predict(self, offset: float) -> tuple[Double, Bool]:
         """The mean command of each interval, [n, F], and where it is known, [n]."""
         first, last = self.starts - offset, self.starts + self.length - offset
         gaps = np.diff(self.times)[:, None]
-        integral = np.concatenate(
-            [np.zeros((1, self.commands.shape[1])), np.cumsum(self.commands[:-1] * gaps, axis=0)]
+        integral = np.cumsum(self.commands[:-1] * gaps, axis=0)
+        integral = np.concatenate([np.zeros_like(self.commands[:1]), integral])
+        ends = (
+            np.interp(last, self.times, column) - np.interp(first, self.times, column)
+            for column in integral.T
         )
-        means = np.stack(
-            [
-                (np.interp(last, self.times, column) - np.interp(first, self.times, column))
-                for column in integral.T
-            ],
-            axis=1,
-        )
+        means = np.stack(list(ends), axis=1)
         newest = np.searchsorted(self.times, last, side="right") - 1
         known = (first >= self.times[0]) & (last <= self.times[-1])
         known &= last - self.times[newest.clip(0)] <= self.max_age

@@ -1,7 +1,7 @@
 """Cuts the grid of a log into episodes, and makes the episodes of robots' tracks.
 
-An episode of T steps has T + 1 states, and no two episodes share a state. The last state is one
-that was observed: the command that was given in it is left out.
+An episode of T steps has T + 1 states, and no two episodes share a state. In the last state, which
+was observed, the command is left out.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from swarmdata.interop.conversion.imported_data import build_episode
+from swarmdata.interop.conversion.imported_data import build_episode, leaving
 from swarmdata.interop.logs.resampling import Samples, hold
 from swarmdata.interop.logs.robot_tracks import RobotTrack
 from swarmdata.specs.origins.log_map import LogMap
@@ -27,7 +27,6 @@ class Window:
     end: str  # `termination` or `truncation`
 
     def __len__(self) -> int:
-        """Number of steps."""
         return self.stop - self.start
 
 
@@ -44,24 +43,19 @@ def acting_robots(tracks: Sequence[RobotTrack]) -> Bool:
 def find_windows(
     tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
 ) -> tuple[list[Window], int]:
-    """Finds the episodes.
-
-    Args:
-        tracks: of all robots, on the grid.
-        marker: the map's column of markers, if it has one.
-        grid: [K] ns.
-        log_map: how to cut.
-
-    Returns:
-        the episodes, and the number of steps in those that were too short.
-    """
+    """Cuts a grid, [K] ns, as the map says; also counts the steps in episodes that are short."""
     acting = acting_robots(tracks)
     goes_on: Bool = np.asarray(acting.any(axis=1) if log_map.gaps == "mask" else acting.all(axis=1))
-    breaks = _breaks(tracks, marker, grid, log_map)
+    broken = np.zeros(len(grid), np.bool_)  # the step to a new marker or goal is in no episode
     if marker is not None:
-        _, is_marked = hold(marker, grid, None)
+        values, is_marked = hold(marker, grid, None)
         goes_on &= is_marked
-    broken = np.append(breaks[1:], False)  # the step to a break belongs to no episode
+        broken[:-1] |= values[1:, 0] != values[:-1, 0]
+    if (limit := log_map.episodes.goal_change) is not None:
+        for each in tracks:
+            moved = np.hypot(*np.diff(each.goals, axis=0).T)
+            appeared = np.isnan(each.goals[:-1, 0]) & ~np.isnan(each.goals[1:, 0])
+            broken[:-1] |= (moved > limit) | appeared  # NaN is not more than the limit
     edges = np.diff((goes_on & ~broken).astype(np.int8), prepend=0, append=0)
     starts, stops = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0)
     found = []
@@ -70,23 +64,6 @@ def find_windows(
         found += _pieces(start, stop, log_map.episodes.ends if is_end else "truncation", log_map)
     kept = [each for each in found if len(each) >= log_map.episodes.min_steps]
     return kept, sum(map(len, found)) - sum(map(len, kept))
-
-
-def _breaks(
-    tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
-) -> Bool:
-    """At which times a marker or a goal has changed since the time before, [K]."""
-    breaks = np.zeros(len(grid), np.bool_)
-    if marker is not None:
-        values, _ = hold(marker, grid, None)
-        breaks[1:] |= values[1:, 0] != values[:-1, 0]
-    limit = log_map.episodes.goal_change
-    if limit is not None:
-        for each in tracks:
-            moved = np.hypot(*np.diff(each.goals, axis=0).T)
-            appeared = np.isnan(each.goals[:-1, 0]) & ~np.isnan(each.goals[1:, 0])
-            breaks[1:] |= (moved > limit) | appeared  # NaN is not more than the limit
-    return breaks
 
 
 def most_steps(log_map: LogMap) -> int | None:
@@ -121,11 +98,7 @@ def make_episodes(
     windows: Sequence[Window],
     states: Literal["observations", "poses"] = "observations",
 ) -> tuple[list[Episode], int]:
-    """Makes the episodes of tracks; robots with gaps are absent if any episode has such.
-
-    Returns:
-        the episodes, and the number of steps in which robots are absent, of each robot.
-    """
+    """The episodes, and how many robot-steps are absent: none unless a robot has a gap."""
     everywhere = acting_robots(tracks)
     n_absent = sum(int((~everywhere[w.start : w.stop]).sum()) for w in windows)
     episodes = []
@@ -136,29 +109,19 @@ def make_episodes(
         seen[:-1] |= acting
         seen[1:] |= acting  # a robot also observes the state in which it stops acting
         observed = [each.observations[places] * seen[:, k, None] for k, each in enumerate(tracks)]
+        shown = observed
         if states == "poses":
             poses = [each.pose[places].astype(np.float32) for each in tracks]
             shown = [pose * seen[:, k, None] for k, pose in enumerate(poses)]
+        actions = [each.actions[steps] * acting[:, k, None] for k, each in enumerate(tracks)]
         rows: dict[str, Float | Bool] = {
             "observations": stack_agents(observed),
-            "states": np.concatenate(shown if states == "poses" else observed, axis=1),
-            "actions": stack_agents(
-                [each.actions[steps] * acting[:, k, None] for k, each in enumerate(tracks)]
-            ),
+            "states": np.concatenate(shown, axis=1),
+            "actions": stack_agents(actions),
             "rewards": np.stack([each.rewards[steps] for each in tracks], axis=1) * acting,
         }
         if n_absent:
-            rows |= _absences(acting, window.end)
+            at_end = np.arange(len(window))[:, None] == len(window) - 1
+            rows |= leaving(acting, acting & at_end & (window.end == "termination"))
         episodes.append(build_episode(rows, seed=number, policy=0, end=window.end))
     return episodes, n_absent
-
-
-def _absences(acting: Bool, end: str) -> dict[str, Float | Bool]:
-    """Which robots act, and where each of them stops, as arrays of an episode."""
-    alive = np.zeros((len(acting) + 1, acting.shape[1]), np.bool_)
-    alive[:-1] = acting
-    stops = acting & ~alive[1:]
-    ended = stops.copy()
-    ended[:-1] = False
-    ended &= end == "termination"
-    return {"alive": alive, "agent_terminations": ended, "agent_truncations": stops & ~ended}

@@ -8,13 +8,7 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.logs.logged_drives import (
-    AS_COMMANDED,
-    LEAD,
-    STANDING,
-    Drives,
-    Response,
-)
+from swarmdata.interop.logs.logged_drives import AS_COMMANDED, LEAD, STANDING, Drives, Response
 from swarmdata.interop.logs.response_fits import (
     HORIZON,
     LEAST_WINDOWS,
@@ -35,9 +29,7 @@ from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import Double
 
-N_PARTS = 4
-"""Parts of the training split whose fits give the ranges of the randomization."""
-
+N_PARTS = 4  # parts of the training split whose fits give the ranges of the randomization
 CLOSE = (0.1, math.radians(10.0))  # m, rad: what counts as a good prediction
 
 
@@ -53,11 +45,11 @@ class Predictions:
     @property
     def estimates(self) -> tuple[Estimate, Estimate, Estimate]:
         """Distance, angle and share, with intervals over episodes."""
-        return (
-            mean_interval(self.distances[None], bounds=AT_LEAST_ZERO),
-            mean_interval(self.angles[None], bounds=AT_LEAST_ZERO),
-            mean_interval(self.close[None], bounds=SHARE),
+        away, turned = (
+            mean_interval(each[None], bounds=AT_LEAST_ZERO)
+            for each in (self.distances, self.angles)
         )
+        return away, turned, mean_interval(self.close[None], bounds=SHARE)
 
     def less(self, other: "Predictions") -> tuple[Estimate, Estimate]:
         """Distance and angle minus those of another predictor on the same episodes."""
@@ -231,10 +223,8 @@ def _spec(
         "horizon": math.ceil(1.5 * math.hypot(width, height) / slowest / drives.dt),
         "control_dt": drives.dt,
         "physics_dt": drives.dt / 2,
-        "observation": {
-            "kind": "state",
-            **({"drift": sources.drift} if drift else {"noise": noise}),
-        },
+        "observation": {"kind": "state"}
+        | ({"drift": sources.drift} if drift else {"noise": noise}),
         "randomization": _ranges(drives, [*parts, *responses]),
     }
     return TaskSpec.parse(content, f"the twin of {dataset.recipe.id}")

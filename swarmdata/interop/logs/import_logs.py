@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -41,8 +40,7 @@ from swarmdata.types import Episode
 IMPORT_VERSION = "2"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
 
-MOST_NOTED = 4000
-"""Characters of a list of topics or columns on the card."""
+MOST_NOTED = 4000  # characters of a list of topics or columns on the card
 
 
 def import_logs(
@@ -99,20 +97,20 @@ def import_logs(
     if task is not None and not id.startswith(f"{task.task}-"):
         raise SpecError(f"id {id!r} of a dataset of the task has to begin with {task.task}-")
     open_logs = _opened(logs, log_map)
-    found = _read(open_logs, log_map, task)
+    episodes, tracks, clocks, notes = _read(open_logs, log_map, task)
     content = {
         "id": id,
-        "spec": task or _spec(found.tracks, log_map, id.partition("-")[0]),
+        "spec": task or _spec(tracks, log_map, id.partition("-")[0]),
         "policies": ({"label": log_map.policy, "name": "external"},),
         "seed": seed,
         "splits": splits or Splits(),
         "files": open_logs.files(),
         "log_map": log_map,
-        "clocks": found.clocks,
-        "metadata": {**found.notes, **(metadata or {})},
+        "clocks": clocks,
+        "metadata": {**notes, **(metadata or {})},
     }
     origin = ImportedLogs.parse(content, f"the import of {', '.join(open_logs.paths)}")
-    return _stored(open_logs, out, origin, found.episodes)
+    return _stored(open_logs, out, origin, episodes)
 
 
 def remake_logs(
@@ -141,14 +139,14 @@ def remake_logs(
             f"or are new. Expected {', '.join(theirs)}, as recipe.json lists them."
         )
     task = origin.spec.world
-    read = _read(open_logs, origin.log_map, task, origin.clocks)
-    spec = task or _spec(read.tracks, origin.log_map, origin.spec.task)
+    episodes, tracks, *_ = _read(open_logs, origin.log_map, task, origin.clocks)
+    spec = task or _spec(tracks, origin.log_map, origin.spec.task)
     if different := [path for path, *_ in differences(spec, origin.spec)]:
         raise ConversionError(
             f"{origin.id} has another {different[0]} than these logs give now: it was made with "
             "other rules of import. Install the version of swarmdata on its card."
         )
-    return _stored(open_logs, out, origin, read.episodes)
+    return _stored(open_logs, out, origin, episodes)
 
 
 def _checked(out: Path | str) -> Path:
@@ -163,23 +161,13 @@ def _opened(logs: Sequence[Path | str] | Path | str, log_map: LogMap) -> OpenLog
     return OpenLogs([Path(each).expanduser().absolute() for each in listed], log_map)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Contents:
-    """What was read of logs."""
-
-    episodes: list[Episode]
-    tracks: list[RobotTrack]
-    clocks: tuple[EstimatedClock, ...]
-    notes: dict[str, str]  # what was done to the logs, for the card
-
-
 def _read(
     logs: OpenLogs,
     log_map: LogMap,
     task: TaskSpec | None,
     clocks: Sequence[EstimatedClock] | None = None,
-) -> _Contents:
-    """Reads the episodes; offsets of clocks are those of an earlier import, if there was one."""
+) -> tuple[list[Episode], list[RobotTrack], tuple[EstimatedClock, ...], dict[str, str]]:
+    """Episodes, tracks, offsets of clocks, unless known, and what was done, for the card."""
     check_task(task, log_map)
     frames = PlanarFrames(log_map.world, [*log_map.transforms, *logs.transforms()])
     reader = SignalReader(logs, frames, log_map.max_gap)
@@ -213,7 +201,7 @@ def _read(
             + f". A pose or command is unknown where samples are more than {log_map.max_gap:g} s "
             "apart (`max_gap`)."
         )
-    return _Contents(episodes, tracks, clocks, _notes(logs, log_map, counts))
+    return episodes, tracks, clocks, _notes(logs, log_map, counts)
 
 
 def _within_horizon(log_map: LogMap, task: TaskSpec) -> LogMap:
@@ -249,17 +237,14 @@ def _joined(names: Sequence[str]) -> str:
 def _spec(tracks: Sequence[RobotTrack], log_map: LogMap, task: str) -> RecordedSpec:
     agents = tuple(track.agent for track in tracks)
     size = sum(width(agent.observation) for agent in agents)
+    commands = {
+        each.name: [part.column for part in each.command.components] for each in log_map.robots
+    }
     content = {
         "task": task,
         "library": "logs of robots",
         "version": IMPORT_VERSION,
-        "options": {
-            "frame": log_map.world,
-            "commands": {
-                robot.name: [each.column for each in robot.command.components]
-                for robot in log_map.robots
-            },
-        },
+        "options": {"frame": log_map.world, "commands": commands},
         "agents": agents,
         "state_size": width(POSE_SPACE) * len(agents) if log_map.states == "poses" else size,
         "state_from": log_map.states,

@@ -20,39 +20,21 @@ from swarmdata.types import Bool, Int
 
 PARQUET_SUFFIXES = (".parquet", ".pq")
 
-NANOSECONDS_IN = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
-"""Nanoseconds in each unit of time."""
-
-MOST_NANOSECONDS = 1 << 62
-"""Greatest absolute value of a time, 146 years."""
+NANOSECONDS_IN = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}  # nanoseconds in each unit of time
+MOST_NANOSECONDS = 1 << 62  # greatest absolute value of a time, 146 years
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RaggedColumn:
-    """Arrays of several lengths, one a row."""
-
-    rows: list[NDArray[Any]]
-
-    def __len__(self) -> int:
-        """Number of rows."""
-        return len(self.rows)
-
-
-Cells = Sequence[str] | NDArray[Any] | RaggedColumn
+Cells = Sequence[str] | NDArray[Any]
+"""Texts of a column, or numbers, [n] or [n, B]; arrays of several lengths are objects, [n]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LogTable:
-    """Rows of one table, or messages of one topic.
-
-    Whatever reads a column raises ConversionError if it is absent, or holds something else.
-    """
+    """Rows of a table, or messages of a topic; ConversionError if a column is not as wanted."""
 
     name: str  # file or topic, for errors
-    cells: Mapping[str, Cells]
-    """Texts or numbers of each column, by name, [n] or [n, B], or of several lengths."""
-    units: Mapping[str, str] = field(default_factory=dict)
-    """Of the columns whose format fixes it, by name."""
+    cells: Mapping[str, Cells]  # of each column, by name
+    units: Mapping[str, str] = field(default_factory=dict)  # of columns whose format fixes them
     frame: str = ""  # of what it holds, if its messages say so
     used: set[str] = field(default_factory=set)  # columns that were read
 
@@ -68,28 +50,27 @@ class LogTable:
     def numbers(self, name: str) -> NDArray[Any]:
         """A column of numbers, int64, float64 or flags, [n] or [n, B]; empty cells are NaN."""
         cells = self._column(name)
-        if isinstance(cells, RaggedColumn):
-            sizes = [len(row) for row in cells.rows]
+        if not isinstance(cells, np.ndarray):
+            texts = enumerate(cells, 1)
+            found = [_number(text, f"{self.name}, row {k}, {name}") for k, text in texts]
+            return np.array(found, np.float64)
+        if cells.dtype == object:
+            sizes = [len(row) for row in cells]
             raise ConversionError(
                 f"{self.name}: column {name!r} has rows of {min(sizes)} to {max(sizes)} numbers, "
                 "expected the same number in all"
             )
-        if isinstance(cells, np.ndarray):
-            if cells.dtype.kind not in "biuf":
-                raise ConversionError(f"{self.name}: column {name!r} has no numbers")
-            if cells.dtype.kind == "b":
-                return cells
-            if cells.dtype.kind in "iu" and (cells <= np.iinfo(np.int64).max).all():
-                return cells.astype(np.int64)
-            return cells.astype(np.float64)
-        return np.array([_number(text, f"{self.name}, row {k}, {name}")
-                         for k, text in enumerate(cells, 1)], np.float64)  # fmt: skip
+        if cells.dtype.kind not in "biuf":
+            raise ConversionError(f"{self.name}: column {name!r} has no numbers")
+        if cells.dtype.kind in "iu" and (cells <= np.iinfo(np.int64).max).all():
+            return cells.astype(np.int64)
+        return cells if cells.dtype.kind == "b" else cells.astype(np.float64)
 
     def arrays(self, name: str) -> list[NDArray[Any]]:
         """A column of numbers as one float64 array for each row, of one or several lengths."""
         cells = self._column(name)
-        if isinstance(cells, RaggedColumn):
-            return [row.astype(np.float64) for row in cells.rows]
+        if isinstance(cells, np.ndarray) and cells.dtype == object:
+            return [row.astype(np.float64) for row in cells]
         values = self.numbers(name).astype(np.float64)
         return list(values.reshape(len(values), -1))
 
@@ -97,12 +78,10 @@ class LogTable:
         """A column of times in a unit, as whole nanoseconds, exact unless it is floats, [n]."""
         size, cells = NANOSECONDS_IN[unit], self._column(name)
         where = f"{self.name}: times in column {name!r}"
-        if isinstance(cells, RaggedColumn):
-            raise ConversionError(f"{where} are arrays, expected numbers")
         if not isinstance(cells, np.ndarray):
             return np.array([_exact(text, size, where) for text in cells], np.int64)
         if cells.ndim != 1 or cells.dtype.kind not in "iuf":
-            raise ConversionError(f"{where} are no numbers")
+            raise ConversionError(f"{where} are no numbers, expected one in each row")
         if not (np.abs(cells.astype(np.float64)) * size <= MOST_NANOSECONDS).all():  # nor is NaN
             raise ConversionError(f"{where} are missing, or out of bounds")
         if cells.dtype.kind in "iu":
@@ -111,14 +90,10 @@ class LogTable:
 
     def texts(self, name: str) -> list[str]:
         """A column as text, [n]."""
-        cells = self._column(name)
-        return [str(cell) for cell in (cells.rows if isinstance(cells, RaggedColumn) else cells)]
+        return [str(cell) for cell in self._column(name)]
 
     def rows_with(self, name: str, value: str | int, *, may_lack: bool = False) -> Bool:
-        """Which rows have a value in a column, [n]; none may lack it unless `may_lack`.
-
-        Numbers are compared as numbers.
-        """
+        """Which rows have a value in a column, [n]; refused if none has, unless `may_lack`."""
         cells = self.texts(name)
         same = {text: _is_same(text, value) for text in dict.fromkeys(cells)}
         if not may_lack and not any(same.values()):
@@ -182,12 +157,7 @@ def _is_same(text: str, value: str | int) -> bool:
 
 
 def read_table(path: Path, forms: Mapping[str, TableForm]) -> LogTable:
-    """Reads a Parquet file, or a text table as the form for its name says.
-
-    Raises:
-        ConversionError: it is no such table, or has no rows.
-        MissingExtraError: a Parquet file needs pyarrow.
-    """
+    """Reads a Parquet file, or a text table as the form for its name says."""
     if path.suffix in PARQUET_SUFFIXES:
         cells, units = _parquet_columns(path)
         table = LogTable(path.name, cells, units)
@@ -316,5 +286,10 @@ def _parquet_cells(library: Any, source: ForeignFile, column: Any) -> Cells:
 
 
 def stacked(rows: list[NDArray[Any]]) -> Cells:
-    """Arrays as one, [n, B], if all have the same length."""
-    return np.array(rows) if len({len(row) for row in rows}) == 1 else RaggedColumn(rows)
+    """Arrays as one, [n, B], or as objects if their lengths differ."""
+    if len({len(row) for row in rows}) == 1:
+        return np.array(rows)
+    found = np.empty(len(rows), object)
+    for k, row in enumerate(rows):
+        found[k] = row
+    return found

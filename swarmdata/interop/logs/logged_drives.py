@@ -38,11 +38,8 @@ class Response:
     delay: int = 0  # steps
 
 
-AS_COMMANDED = Response(speed_gain=1.0, turn_gain=1.0)
-"""Of a robot that does what it is told."""
-
-STANDING = Response(speed_gain=0.0, turn_gain=0.0)
-"""Of a robot that does not move."""
+AS_COMMANDED = Response(speed_gain=1.0, turn_gain=1.0)  # of a robot that does what it is told
+STANDING = Response(speed_gain=0.0, turn_gain=0.0)  # of a robot that does not move
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,12 +55,7 @@ class Drives:
 
     @classmethod
     def of(cls, dataset: Dataset) -> "Drives":
-        """Reads the poses and commands of all episodes.
-
-        Raises:
-            ConversionError: the dataset has no logged poses with commands of speed and turn rate,
-                or no episode.
-        """
+        """Poses and commands of all episodes; ConversionError without logged v and omega."""
         origin = dataset.recipe
         if not isinstance(origin, ImportedLogs):
             raise ConversionError(
@@ -123,10 +115,7 @@ class Drives:
         return np.concatenate([moves, self.turns[..., None]], axis=-1)
 
     def motors(self, lag: float) -> Double:
-        """Commands as motors follow them, without a delay, [E, N, T, 2].
-
-        After a gap they begin with the command that is in force.
-        """
+        """Commands as motors follow them, without a delay and anew after each gap, [E, N, T, 2]."""
         share = 1.0 - np.exp(-self.dt / lag) if lag > 0 else 1.0
         followed = np.empty_like(self.commands)
         motor = self.commands[:, :, 0]
@@ -139,12 +128,7 @@ class Drives:
         return followed
 
     def unit_motion(self, motors: Double, delay: int) -> Double:
-        """Displacement and turn of each step at gains of 1, along measured headings, [E, N, T, 3].
-
-        Args:
-            motors: of a lag.
-            delay: steps.
-        """
+        """Displacement and turn of steps at gains of 1, along measured headings, [E, N, T, 3]."""
         speeds = delayed(motors, delay)
         before = delayed(speeds, 1)
         first, second = self._directions
@@ -152,10 +136,7 @@ class Drives:
         return np.concatenate([moves, self.dt * speeds[..., 1:]], axis=-1)
 
     def starts(self, length: int) -> Bool:
-        """Steps from which a prediction of so many steps can begin, `LEAD` of a drive, [E, N, S].
-
-        S is the number of steps that are not too near to the end.
-        """
+        """From which steps, after `LEAD`, a prediction of `length` steps can begin, [E, N, S]."""
         lead = self.steps(LEAD)
         n_starts = self.known.shape[2] - length + 1
         found = np.zeros((*self.known.shape[:2], max(n_starts, 0)), np.bool_)
@@ -165,17 +146,10 @@ class Drives:
         return found
 
     def errors_of(self, responses: Sequence[Response], length: int) -> tuple[Double, Double, Int]:
-        """Errors of open-loop predictions in windows that do not overlap.
+        """Errors of open-loop predictions of so many steps, by each robot's response.
 
-        A prediction begins in a measured pose and knows nothing later but commands.
-
-        Args:
-            responses: of each robot.
-            length: steps of a prediction.
-
-        Returns:
-            distances (m) and angles (rad) between the predicted and the measured pose, and the
-            episode of each, [n] each.
+        A prediction begins in a measured pose and knows nothing later but commands; none overlap.
+        Returns distances (m) and angles (rad) to the measured pose, and the episode of each, [n].
         """
         distances, angles, places = [], [], []
         starts = self.starts(length)

@@ -16,15 +16,7 @@ def shipped_maps() -> dict[str, Path]:
 
 
 def read_map(source: Path | str) -> LogMap | ImportedLogs:
-    """Reads a map, or the `recipe.json` of a dataset that was imported.
-
-    Args:
-        source: the file, or the name of a map in `shipped_maps`.
-
-    Raises:
-        OSError: it cannot be read.
-        SpecError: it is neither, with the place.
-    """
+    """Reads a map by its path or its name in `shipped_maps`, or the `recipe.json` of an import."""
     path = Path(source)
     if not path.exists():
         path = shipped_maps().get(str(source), path)

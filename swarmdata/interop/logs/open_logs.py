@@ -14,17 +14,7 @@ from swarmdata.specs.plain_names import repeated
 
 
 class OpenLogs:
-    """The logs by name; each is read once, when its first signal is.
-
-    Args:
-        paths: files, folders of files, and folders that are bags.
-        log_map: what they hold.
-
-    Raises:
-        DatasetNotFoundError: there is nothing at a path.
-        ConversionError: two logs have the same name.
-        FileKindError: a log is a pipe, a device or the like.
-    """
+    """The logs at some paths, by their names; each is read once, when its first signal is."""
 
     def __init__(self, paths: Sequence[Path], log_map: LogMap) -> None:
         self._map = log_map
@@ -44,16 +34,7 @@ class OpenLogs:
         self._bags: dict[str, BagContents] = {}
 
     def table(self, log: str | None, topic: str | None, signal: str) -> LogTable:
-        """The table of a signal.
-
-        Args:
-            log: its name; None if there is only one.
-            topic: of a bag.
-            signal: in words, for errors, such as "pose of robot_0".
-
-        Raises:
-            ConversionError: there is no such log or topic, or it cannot be read.
-        """
+        """The table of a log (None: the only one) or of a bag's topic; `signal` is for errors."""
         name = self._name(log, signal)
         path = self.paths[name]
         if not is_bag(path):
@@ -92,19 +73,15 @@ class OpenLogs:
 
     def transforms(self) -> list[StaticTransform]:
         """The static transforms of all bags."""
-        bags = [self._bag(name) for name, path in self.paths.items() if is_bag(path)]
-        return [transform for bag in bags for transform in bag.transforms]
+        bags = [name for name, path in self.paths.items() if is_bag(path)]
+        return [transform for name in bags for transform in self._bag(name).transforms]
 
     def unread_topics(self) -> list[str]:
         """Topics of the bags that the map does not name, sorted."""
         return sorted({topic for bag in self._bags.values() for topic in bag.unread})
 
     def check_all_used(self) -> None:
-        """Checks that nothing of the tables was left out without being told.
-
-        Raises:
-            ConversionError: a log, or a column of a table, is neither mapped nor ignored.
-        """
+        """Raises ConversionError if a log or a table's column is neither mapped nor ignored."""
         if idle := [name for name in self.paths if name not in {**self._tables, **self._bags}]:
             raise ConversionError(
                 f"the map uses nothing of {', '.join(idle)}. Leave the log out, name it in "
@@ -119,10 +96,8 @@ class OpenLogs:
 
     def files(self) -> tuple[LogFile, ...]:
         """Name and digest of each log, by name."""
-        return tuple(
-            LogFile(name=name, sha256=source_digest(path))
-            for name, path in sorted(self.paths.items())
-        )
+        logs = sorted(self.paths.items())
+        return tuple(LogFile(name=name, sha256=source_digest(path)) for name, path in logs)
 
 
 def _topics_of(log_map: LogMap) -> set[str]:

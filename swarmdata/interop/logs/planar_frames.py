@@ -14,10 +14,9 @@ LEAST_LEVEL = 1e-6
 
 
 def yaw_of(x: Double, y: Double, z: Double, w: Double) -> Double:
-    """The rotation about the vertical axis of quaternions of any norm, rad, [n].
+    """The Z of Z-Y-X angles of quaternions of any norm, rad, [n].
 
-    It is the Z of the Tait-Bryan angles Z-Y-X, as robots in the plane have only that one. Where the
-    norm is 0, or the x axis points up or down, there is none: NaN.
+    Where the norm is 0, or the x axis points up or down, there is none: NaN.
     """
     with np.errstate(over="ignore", invalid="ignore"):  # of numbers that are no quaternion
         sine, cosine = 2 * (w * z + x * y), w * w + x * x - y * y - z * z
@@ -26,14 +25,7 @@ def yaw_of(x: Double, y: Double, z: Double, w: Double) -> Double:
 
 
 def planar_motion(moved: Double, turned: Double, headings: Double, frame: str) -> dict[str, Double]:
-    """Velocities by the names that maps have for them, [n] each.
-
-    Args:
-        moved: velocities in the world, [n, 2] m/s.
-        turned: turn rates, [n] rad/s.
-        headings: of the robot, [n] rad.
-        frame: of the velocities, `body` or `world`.
-    """
+    """Velocities, [n] each, in the frame `body` or `world`, of those in the world (m/s, rad/s)."""
     if frame != "body":
         return {"vx": moved[:, 0], "vy": moved[:, 1], "omega": turned}
     cosine, sine = np.cos(headings), np.sin(headings)
@@ -47,12 +39,7 @@ def plain_frame(name: str) -> str:
 
 
 class PlanarFrames:
-    """The static transforms of a map and of its bags.
-
-    Args:
-        world: the frame of the dataset.
-        transforms: of the map first, which win over those of bags.
-    """
+    """The static transforms of a map and of its bags, of which the first of a frame counts."""
 
     def __init__(self, world: str, transforms: Iterable[StaticTransform]) -> None:
         self.world = plain_frame(world)
@@ -61,15 +48,7 @@ class PlanarFrames:
             self._parents.setdefault(plain_frame(transform.frame), transform)
 
     def pose_of(self, frame: str, what: str) -> tuple[float, float, float]:
-        """The pose of a frame in the world: x and y in m, heading in rad.
-
-        Args:
-            frame: its name; empty for the world.
-            what: is in this frame, for the error, such as "poses of robot_0".
-
-        Raises:
-            ConversionError: no transforms lead from it to the world.
-        """
+        """The pose of a frame (empty: the world) in the world: x and y in m, heading in rad."""
         x, y, heading = 0.0, 0.0, 0.0
         passed = [plain_frame(frame)]
         while passed[-1] not in ("", self.world):

@@ -1,7 +1,6 @@
 """Public logs of robots: where they are, under which terms, and the dataset that they give.
 
-Nobody has stated a licence that allows to pass most of them on, so the package has recipes alone:
-addresses, digests, maps, and the digest of the dataset.
+Most may not be passed on, so the package has addresses, digests, maps and the dataset's digest.
 """
 
 from pathlib import Path
@@ -68,11 +67,7 @@ def public_logs() -> dict[str, PublicLogs]:
 
 
 def find_public_logs(name: str) -> PublicLogs:
-    """Returns a recipe.
-
-    Raises:
-        UnknownNameError: there is none of this name.
-    """
+    """The recipe of a name, or UnknownNameError."""
     known = public_logs()
     if name not in known:
         raise UnknownNameError("public logs", name, known)

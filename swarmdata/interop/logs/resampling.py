@@ -1,7 +1,7 @@
-"""Samples of a signal at irregular times, and their values at the times of a grid.
+"""Samples of a signal at irregular times, in whole nanoseconds, and their values on a grid.
 
 Nothing is extrapolated: a value between two samples is known if they are at most `max_gap` apart,
-and a held value for at most `max_gap` after its sample. Times are whole nanoseconds.
+and a held value for at most `max_gap` after its sample.
 """
 
 from dataclasses import dataclass
@@ -35,11 +35,7 @@ def nanoseconds(seconds: float) -> int:
 
 
 def make_grid(start: int, stop: int, dt: float) -> Int:
-    """The times from `start` to `stop`, every `dt` seconds, [K] ns.
-
-    Raises:
-        ConversionError: there are too many of them.
-    """
+    """The times from `start` to `stop`, every `dt` seconds, [K] ns; ConversionError if too many."""
     step = nanoseconds(dt)
     n_times = (stop - start) // step + 1
     if n_times > MOST_GRID_TIMES:
@@ -52,12 +48,7 @@ def make_grid(start: int, stop: int, dt: float) -> Int:
 
 
 def _neighbours(samples: Samples, grid: Int, max_gap: int) -> tuple[Int, Int, Bool]:
-    """The samples at or before and at or after each time of a grid, and whether both are near.
-
-    Returns:
-        indices before, [K]; indices after, [K], the same where a sample is at the time itself; and
-        whether both exist and are at most `max_gap` apart, [K].
-    """
+    """Indices of the samples around each time of a grid, and whether both exist and are near."""
     n = len(samples.times)
     before = np.searchsorted(samples.times, grid, side="right") - 1
     after = np.searchsorted(samples.times, grid, side="left")
@@ -92,13 +83,7 @@ def interpolate(
 
 
 def hold(samples: Samples, grid: Int, max_gap: int | None) -> tuple[Double, Bool]:
-    """The newest sample at each time, [K, F], and whether there is one, [K].
-
-    Args:
-        samples: of the signal.
-        grid: times, [K] ns.
-        max_gap: how long a sample holds, ns; None: until the next one.
-    """
+    """The newest sample at each time, for `max_gap` ns unless None, [K, F], and where known."""
     values = np.zeros((len(grid), samples.values.shape[1]))
     newest = np.searchsorted(samples.times, grid, side="right") - 1
     known = newest >= 0

@@ -22,7 +22,6 @@ from swarmdata.interop.logs.logged_drives import LEAD, Drives, Response, delayed
 from swarmdata.types import Bool, Double
 
 HORIZON = 2.0  # s, of the predictions that are fitted and judged
-
 LAGS = (0.0, 0.03, 0.06, 0.12, 0.25, 0.5, 1.0)  # s
 """Between which lags are searched, with delays up to `LEAD`."""
 
@@ -31,8 +30,7 @@ LAG_TOLERANCE = 2e-3  # s
 LEAST_EXPLAINED = 0.2
 """Least share of the squared displacements and turns that commands explain in a fit."""
 
-LEAST_WINDOWS = 20
-"""Fewest windows, which overlap, of a fit."""
+LEAST_WINDOWS = 20  # fewest windows, which overlap, of a fit
 
 
 @dataclass(frozen=True, slots=True)

@@ -55,13 +55,7 @@ class RobotSignals:
 
 
 class SignalReader:
-    """Reads signals of open logs.
-
-    Args:
-        logs: the logs.
-        frames: the static transforms.
-        max_gap: s, of the map: time that runs back farther is refused.
-    """
+    """Reads signals of open logs; time may run back by `max_gap` s."""
 
     def __init__(self, logs: OpenLogs, frames: PlanarFrames, max_gap: float) -> None:
         self._logs, self._frames, self._max_gap = logs, frames, max_gap
@@ -69,11 +63,7 @@ class SignalReader:
         self.counts: Counter[str] = Counter()
 
     def robot(self, robot: LoggedRobot) -> RobotSignals:
-        """Reads everything that a map says of a robot.
-
-        Raises:
-            ConversionError: a column is absent, is no number, or has another unit.
-        """
+        """Everything that a map says of a robot; ConversionError for a wrong column or unit."""
         positions, headings = self._poses(robot, robot.pose)
         is_logged = not robot.command.differences
         return RobotSignals(
@@ -105,10 +95,8 @@ class SignalReader:
         frame, what = pose.frame or rows.table.frame, f"poses of {robot.name}"
         positions = Samples(samples.times, samples.values[:, :2])
         _, _, turn = self._frames.pose_of(frame, what)
-        return (
-            self._frames.points(positions, frame, what),
-            Samples(samples.times, samples.values[:, 2:] + turn),
-        )
+        headings = Samples(samples.times, samples.values[:, 2:] + turn)
+        return self._frames.points(positions, frame, what), headings
 
     def _commands(self, robot: LoggedRobot, command: CommandSignal) -> Samples:
         rows = _Rows(self._logs, robot, command, f"command of {robot.name}")
@@ -127,7 +115,7 @@ class SignalReader:
         names = [name for each in scan.columns for name in rows.table.matching(each) or [each]]
         ranges = rows.arrays([ColumnOf(column=name, unit=scan.unit) for name in names], POSITION)
         angles = None
-        if all(rows.table.matching(name) for name in SCAN_ANGLES):
+        if all(name in rows.table.cells for name in SCAN_ANGLES):
             start, step = (rows.quantity(ColumnOf(column=name), ANGLE) for name in SCAN_ANGLES)
             angles = start, step
         return self._samples(rows, [clean_scans(ranges, scan, robot.name, angles)])
@@ -145,11 +133,8 @@ class SignalReader:
     def _samples(
         self, rows: "_Rows", columns: Iterable[NDArray[Any]], *, is_kept_twice: bool = False
     ) -> Samples:
-        """The rows in the order of time, without those that have no value.
-
-        Of rows with the same time the last is taken; rewards are added up.
-        """
-        values: Double = np.concatenate([_two(column) for column in columns], axis=1)
+        """Rows with values by time; of those at the same time the last, or of rewards the sum."""
+        values: Double = np.concatenate([np.atleast_2d(each.T).T for each in columns], axis=1)
         times = rows.times()
         if (np.abs(values) > np.finfo(np.float32).max).any():
             raise ConversionError(f"the {rows.what} ({rows.table.name}) has infinite values")
@@ -173,12 +158,12 @@ class _Rows:
     def __init__(
         self, logs: OpenLogs, robot: LoggedRobot | None, source: LogSource, what: str
     ) -> None:
-        sources = [source] if robot is None else [source, robot]
-        log = next((each.log for each in sources if each.log is not None), None)
-        topic = next((each.topic for each in sources if each.topic is not None), None)
-        wanted = next((each.rows for each in sources if each.rows is not None), None)
-        self.what, self.table = what, logs.table(log, topic, what)
-        self._time = next((each.time for each in sources if each.time), DEFAULT_TIME)
+        names = ("log", "topic", "rows", "time")
+        log, topic, wanted, time = (
+            getattr(source if robot is None or getattr(source, name) is not None else robot, name)
+            for name in names
+        )
+        self.what, self.table, self._time = what, logs.table(log, topic, what), time or DEFAULT_TIME
         self._max_gap = source.max_gap if isinstance(source, Signal) else None
         self._offset = 0 if robot is None else nanoseconds(robot.clock_offset)
         self._chosen: Bool = np.ones(self.table.n_rows, np.bool_)
@@ -284,10 +269,6 @@ def _look_up(logs: OpenLogs, code: CodeOf, what: str) -> str:
     return table.texts(code.column)[int(np.argmax(chosen))]
 
 
-def _two(values: NDArray[Any]) -> NDArray[Any]:
-    return values[:, None] if values.ndim == 1 else values
-
-
 def clean_scans(
     rows: Sequence[Double], scan: ScanSignal, name: str, angles: tuple[Double, Double] | None = None
 ) -> Double:
@@ -305,10 +286,6 @@ def clean_scans(
 
     Returns:
         [n, sectors], or [n, B] where the map names no sectors.
-
-    Raises:
-        ConversionError: scans differ in their beams and the map names no sectors, there are fewer
-            beams than sectors, or beams are outside the field of view.
     """
     sizes = {len(row) for row in rows if len(row)}
     if not sizes:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -46,18 +47,12 @@ class RobotTrack:
 
 
 def with_bounds(signals: Sequence[RobotSignals]) -> list[RobotSignals]:
-    """Gives components without bounds the least and greatest values that any robot logged.
-
-    Raises:
-        ConversionError: all values are the same.
-    """
+    """Gives components without bounds the least and greatest values that any robot logged."""
     logged: dict[str, list[Double]] = {}
     for each in signals:
-        if each.commands is not None:
-            for component, column in zip(
-                each.robot.command.components, each.commands.values.T, strict=True
-            ):
-                logged.setdefault(component.column, []).append(column)
+        columns = () if each.commands is None else each.commands.values.T
+        for component, column in zip(each.robot.command.components, columns, strict=False):
+            logged.setdefault(component.column, []).append(column)
 
     def bounded(component: CommandComponent) -> CommandComponent:
         if component.low is not None:
@@ -81,11 +76,7 @@ def with_bounds(signals: Sequence[RobotSignals]) -> list[RobotSignals]:
 
 
 def make_track(signals: RobotSignals, log_map: LogMap, grid: Int) -> RobotTrack:
-    """Resamples one robot.
-
-    Raises:
-        ConversionError: a command is outside its bounds, and the map does not say `clip`.
-    """
+    """Resamples one robot; ConversionError for a command outside bounds that do not clip."""
     robot, K = signals.robot, len(grid)
     gap = _gap(robot.pose, log_map)
     positions, is_placed = interpolate(signals.positions, grid, gap)
@@ -147,12 +138,8 @@ def _feature(
 ) -> tuple[Double, Bool]:
     """The columns of all slots of a feature, side by side, and which slots are known, [K, S]."""
     is_angle = feature.between == "angle"
-    found = [
-        hold(each, grid, gap)
-        if feature.between == "held"
-        else interpolate(each, grid, gap, is_angle=is_angle)
-        for each in slots
-    ]
+    resample = hold if feature.between == "held" else partial(interpolate, is_angle=is_angle)
+    found = [resample(each, grid, gap) for each in slots]
     values = [each for each, _ in found]
     if is_angle:
         values = [np.concatenate([np.cos(each), np.sin(each)], axis=1) for each in values]
@@ -191,9 +178,8 @@ def _bounded(signals: RobotSignals, commands: Double, known: Bool, grid: Int) ->
             f"{int(outside.any(axis=1).sum()):,} commands outside their bounds). Widen the bounds, "
             "or say `outside: clip`."
         )
-    return np.where(known[:, None], actions.clip(lows, highs), np.float32(0)), int(
-        outside.any(axis=1).sum()
-    )
+    actions = np.where(known[:, None], actions.clip(lows, highs), np.float32(0))
+    return actions, int(outside.any(axis=1).sum())
 
 
 def _rewards(signals: RobotSignals, grid: Int) -> Float:
@@ -209,28 +195,20 @@ def _rewards(signals: RobotSignals, grid: Int) -> Float:
 
 def _agent(signals: RobotSignals, spaces: dict[str, Space]) -> RecordedAgent:
     components = signals.robot.command.components
-    action = BoxSpace(
-        shape=(len(components),),
-        dtype="float32",
-        low=common_bound(np.array([each.low for each in components], np.float32)),
-        high=common_bound(np.array([each.high for each in components], np.float32)),
-    )
-    return RecordedAgent(
-        name=signals.robot.name, observation=DictSpace(spaces=spaces), action=action
-    )
+    low = common_bound(np.array([each.low for each in components], np.float32))
+    high = common_bound(np.array([each.high for each in components], np.float32))
+    action = BoxSpace(shape=(len(components),), dtype="float32", low=low, high=high)
+    seen = DictSpace(spaces=spaces)
+    return RecordedAgent(name=signals.robot.name, observation=seen, action=action)
 
 
 def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
-    """First and last time at which a pose of any robot was logged, ns.
-
-    Raises:
-        ConversionError: a robot has no poses.
-    """
+    """First and last time at which a pose of any robot was logged, ns; each robot has some."""
     for each in tracks:
         if not len(each.positions.times):
             raise ConversionError(
-                f"{each.robot.name} has no poses, expected at least two; a "
-                "row without x, y or a heading is none, as one whose quaternion is zero"
+                f"{each.robot.name} has no poses, expected at least two; a row without x, y or a "
+                "heading is none, as one whose quaternion is zero"
             )
     first = min(int(each.positions.times[0]) for each in tracks)
     return first, max(int(each.positions.times[-1]) for each in tracks)

@@ -1,20 +1,17 @@
 """Episodes of a task from logs: observed, rewarded and ended by the task's own functions.
 
-States need the poses of all robots, their goals and the obstacles. What the logs and the map do not
-say is refused, not guessed. Velocities are differences to the pose one step earlier, so the first
-pose of an episode is left out: it only gives the velocity of the second. The robots go where they
-were logged, whatever their commands; contacts are found from positions by the rules of the
-simulated worlds, after every physics step.
+What the logs and the map do not say of poses, goals and obstacles is refused, not guessed. The
+first pose of an episode only gives the velocity of the second, as the difference. Robots go where
+they were logged, and contacts are found from positions after every physics step.
 """
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarmdata.envs.physics.backend import Contacts, Moving, Plan
+from swarmdata.envs.physics.backend import Contacts, Moving
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.errors import ConversionError, SpecError
@@ -48,22 +45,15 @@ COMMANDS: dict[str, tuple[Motion, Motion]] = {
 }
 """What the two numbers of an action command, by the dynamics of a robot."""
 
-SHAPES = ("circle", "box", "corner", "pocket")
-"""Names of the shape codes of `geometry`."""
-
-SAME_GOAL = 1e-6
-"""Greatest change of a goal (m) that is none: rounding in the log."""
+SHAPES = ("circle", "box", "corner", "pocket")  # names of the shape codes of `geometry`
+SAME_GOAL = 1e-6  # greatest change of a goal (m) that is none: rounding in the log
 
 LONGEST_ACTION = 1.0 + 1e-4
 """Greatest command, as a multiple of the robot's maximum, that is within it up to rounding."""
 
 
 def check_task(spec: TaskSpec | None, log_map: LogMap) -> None:
-    """Checks that the logs of a map can have what a task needs, and need no task without one.
-
-    Raises:
-        SpecError: something that the task needs cannot be known, or would be left out.
-    """
+    """Raises SpecError unless logs of a map have what the task needs, and need none without one."""
     if spec is None:
         if log_map.episodes.goals == "reached":
             raise SpecError("episodes.goals: reached is for a task that scores the logs, --task")
@@ -124,11 +114,7 @@ def _robot_problems(robot: LoggedRobot, kind: Robot) -> Iterator[str]:
 
 
 def layout_of(spec: TaskSpec, log_map: LogMap) -> Float:
-    """The obstacles, in the order of the task's shapes, [M, 8].
-
-    Raises:
-        SpecError: the map has other obstacles than the task.
-    """
+    """The obstacles, in the order of the task's shapes, [M, 8]; SpecError for other obstacles."""
     task = make_task(spec)
     rows = [
         (
@@ -158,15 +144,19 @@ def layout_of(spec: TaskSpec, log_map: LogMap) -> Float:
     return np.array(rows, np.float32).reshape(-1, 8)
 
 
-@dataclass(frozen=True, eq=False)
-class TeamMotion:
-    """All robots at the K times of the grid."""
+class LoggedMotion(NamedTuple):
+    """The motion of N robots in T steps, with P physics steps in each."""
 
-    places: Double  # [K, N, 2] m
-    between: Double  # [K - 1, P, N, 2] m, after each physics step on the way to the next time
-    headings: Double  # [K, N, 2] unit vectors
-    goals: Double  # [K, N, 2] m; NaN where unknown
-    actions: Float  # [K, N, 2] in [-1, 1]
+    places: Double  # [T, P, N, 2] m, positions after each physics step
+    robots: Double  # [T + 1, N, 6] x, y, vx, vy, ux, uy of each state
+    goals: Double  # [T + 1, N, 2] m; NaN where unknown
+    layout: Float  # [M, 8] obstacles, columns `geometry.OBSTACLE`
+
+    def part(self, first: int, stop: int) -> "LoggedMotion":
+        """The steps from `first` to `stop - 1`."""
+        states = slice(first, stop + 1)
+        places = self.places[first:stop]
+        return LoggedMotion(places, self.robots[states], self.goals[states], self.layout)
 
 
 def team_motion(
@@ -175,28 +165,26 @@ def team_motion(
     signals: Sequence[RobotSignals],
     tracks: Sequence[RobotTrack],
     grid: Int,
-) -> TeamMotion:
-    """What the task needs of all robots, at the times of the grid."""
+) -> LoggedMotion:
+    """The motion at the times of the grid; of the first one no velocity is known."""
     P, step = spec.n_substeps, nanoseconds(log_map.dt)
     fine = (grid[:-1, None] + step * np.arange(1, P + 1) // P).reshape(-1)
-    places, between, headings = [], [], []
+    found, between, headings = [], [], []
     for each, track, robot in zip(signals, tracks, spec.robots, strict=True):
         gap = nanoseconds(each.robot.pose.max_gap or log_map.max_gap)
-        places.append(interpolate(each.positions, grid, gap)[0])
+        found.append(interpolate(each.positions, grid, gap)[0])
         between.append(interpolate(each.positions, fine, gap)[0].reshape(-1, P, 2))
         is_unicycle = robot.dynamics == "unicycle"
         headings.append(
             track.pose[:, 2:] if is_unicycle else np.broadcast_to([1.0, 0.0], (len(grid), 2))
         )
-    return TeamMotion(
-        places=np.stack(places, axis=1),
-        between=np.stack(between, axis=2),
-        headings=np.stack(headings, axis=1),
+    places = np.stack(found, axis=1)
+    speeds = np.diff(places, axis=0, prepend=places[:1]) / log_map.dt
+    return LoggedMotion(
+        places=np.stack(between, axis=2),
+        robots=np.concatenate([places, speeds, np.stack(headings, axis=1)], axis=2),
         goals=np.stack([track.goals for track in tracks], axis=1),
-        actions=np.stack(
-            [_unit(t, r, s.robot) for t, r, s in zip(tracks, spec.robots, signals, strict=True)],
-            axis=1,
-        ),
+        layout=layout_of(spec, log_map),
     )
 
 
@@ -222,10 +210,7 @@ def score_episodes(
     grid: Int,
     windows: Sequence[Window],
 ) -> tuple[list[Episode], Counter[str]]:
-    """Makes an episode of each window that is long enough.
-
-    Returns:
-        the episodes, and the steps that were left out, by why.
+    """Makes an episode of each window that is long enough; counts the steps left out, by why.
 
     Raises:
         SpecError: the map has other obstacles than the task.
@@ -233,7 +218,10 @@ def score_episodes(
     """
     if log_map.episodes.goals == "reached":
         tracks = with_reached_goals(tracks, windows)
-    motion, layout = team_motion(spec, log_map, signals, tracks, grid), layout_of(spec, log_map)
+    actions = np.stack(
+        [_unit(t, r, s.robot) for t, r, s in zip(tracks, spec.robots, signals, strict=True)], axis=1
+    )
+    motion = team_motion(spec, log_map, signals, tracks, grid)
     world, episodes, counts = LoggedWorld(make_task(spec)), list[Episode](), Counter[str]()
     for window in windows:
         counts["first_poses"] += 1
@@ -241,25 +229,20 @@ def score_episodes(
         if stop - first < log_map.episodes.min_steps:
             counts["steps_of_short_episodes"] += stop - first
             continue
-        _check_motion(spec, log_map, motion, first, stop)
-        places = motion.places[first : stop + 1]
-        speeds = np.diff(motion.places[first - 1 : stop + 1], axis=0) / log_map.dt
-        robots = np.concatenate([places, speeds, motion.headings[first : stop + 1]], axis=2)
-        world.begin(LoggedMotion(motion.between[first:stop], robots, motion.goals[first], layout))
+        world.motion = motion.part(first, stop)
+        _check_motion(spec, log_map, world.motion)
         steps = [world.env.reset(np.array([len(episodes)], np.uint64))]
         for t in range(first, stop):
-            steps.append(world.env.step(motion.actions[t][None]))
+            steps.append(world.env.step(actions[t][None]))
             if steps[-1].ended[0]:
                 break
         counts["steps_after_the_end"] += len(window) - len(steps)
-        episodes.append(_episode(steps, motion.actions[first : first + len(steps) - 1]))
+        episodes.append(_episode(steps, actions[first : first + len(steps) - 1]))
     return episodes, counts
 
 
-def _check_motion(
-    spec: TaskSpec, log_map: LogMap, motion: TeamMotion, first: int, stop: int
-) -> None:
-    goals = motion.goals[first : stop + 1]
+def _check_motion(spec: TaskSpec, log_map: LogMap, motion: LoggedMotion) -> None:
+    goals, places = motion.goals, motion.robots[..., :2]
     bad: Bool = np.isnan(goals[..., 0]) | (np.abs(goals - goals[0]) > SAME_GOAL).any(axis=2)
     if bad.any():
         time, robot = np.argwhere(bad)[0].tolist()
@@ -269,10 +252,10 @@ def _check_motion(
             "episode's start. Cut episodes there: `episodes.goal_change` or a marker."
         )
     half = np.array(spec.half_size)
-    outside: Bool = np.any(np.abs(motion.places[first : stop + 1]) > half, axis=2)
+    outside: Bool = np.any(np.abs(places) > half, axis=2)
     if outside.any():
         time, robot = np.argwhere(outside)[0].tolist()
-        x, y = motion.places[first + time, robot]
+        x, y = places[time, robot]
         raise ConversionError(
             f"{log_map.robots[robot].name} is at ({x:.2f}, {y:.2f}) m, outside the task's arena, "
             f"which is centred on the origin and {2 * half[0]:g} m by {2 * half[1]:g} m. Move the "
@@ -303,38 +286,20 @@ def _episode(steps: Sequence[Step], actions: Float) -> Episode:
     )
 
 
-class LoggedMotion(NamedTuple):
-    """The motion of N robots in an episode of T steps, with P physics steps in each."""
-
-    places: Double  # [T, P, N, 2] m, positions after each physics step
-    robots: Double  # [T + 1, N, 6] x, y, vx, vy, ux, uy of each state
-    goals: Double  # [N, 2] m
-    layout: Float  # [M, 8] obstacles, columns `geometry.OBSTACLE`
-
-
 class LoggedWorld:
-    """One copy of a task, whose code observes and scores logged motion that is played back."""
+    """One copy of a task whose own code, in `env`, observes and scores motion that is played back.
 
-    def __init__(self, task: Task) -> None:
-        self._start = start = _LoggedStart(task)
-
-        def playback(plan: Plan, n_copies: int) -> _Playback:
-            return _Playback(plan, start)
-
-        self.env = TaskEnv(start, 1, backend=playback)  # type: ignore[arg-type]
-
-    def begin(self, motion: LoggedMotion) -> None:
-        """Takes the motion that the next episode of `env` plays back."""
-        self._start.motion = motion
-
-
-class _LoggedStart:
-    """A task whose episodes start where the robots were logged; the rest is the task's."""
+    To `env` it is both the task, whose episodes start where the robots were logged, and its
+    `Backend`, in which positions are those of a motion, not of commands.
+    """
 
     motion: LoggedMotion  # of the episode
 
     def __init__(self, task: Task) -> None:
-        self._task = task
+        self._task, self._t = task, 0
+        self._radii: Double = np.array([robot.radius for robot in task.spec.robots])
+        self._half: Double = np.array(task.spec.half_size)
+        self.env = TaskEnv(self, 1, backend=lambda plan, n_copies: self)  # type: ignore[arg-type]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._task, name)
@@ -343,17 +308,8 @@ class _LoggedStart:
         robots = robots_of(states, self._task.spec.n_agents)
         layouts[0] = self.motion.layout
         robots[0, :, X : UY + 1] = self.motion.robots[0]
-        robots[0, :, TX:] = self.motion.goals
+        robots[0, :, TX:] = self.motion.goals[0]
         self._task.complete(states, copies)  # type: ignore[attr-defined]  # `check_task` saw it
-
-
-class _Playback:
-    """Implements `Backend` for one copy: positions are those of a motion, not of commands."""
-
-    def __init__(self, plan: Plan, start: _LoggedStart) -> None:
-        self._radii: Double = np.array([robot.radius for robot in plan.spec.robots])
-        self._half: Double = np.array(plan.spec.half_size)
-        self._start, self._t = start, 0
 
     def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
         self._layout, self._t = layouts[0].copy(), 0
@@ -363,11 +319,10 @@ class _Playback:
     ) -> None:
         if not active[0]:
             return
-        motion = self._start.motion
-        for places in motion.places[self._t]:
+        for places in self.motion.places[self._t]:
             update_contacts(
                 np.ascontiguousarray(places), self._radii, self._layout, self._half,
                 contacts.robots[0], contacts.obstacles[0], contacts.slack[0], events[0],
             )  # fmt: skip
         self._t += 1
-        robots_of(states, len(self._radii))[0, :, X : UY + 1] = motion.robots[self._t]
+        robots_of(states, len(self._radii))[0, :, X : UY + 1] = self.motion.robots[self._t]

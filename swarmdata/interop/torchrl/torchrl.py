@@ -25,6 +25,7 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.interop.conversion.dataset_facts import (
     NOTED_FACTS,
     Arrays,
+    recorded_agents,
     row_shapes,
     step_blocks,
     time_keys,
@@ -40,10 +41,9 @@ from swarmdata.interop.conversion.foreign_data import BlockReader
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths
 from swarmdata.interop.conversion.imported_data import ImportedData
-from swarmdata.interop.conversion.space_columns import recorded_agents
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.formats import Format
-from swarmdata.interop.torchrl.torchrl_foreign import leaf_keys, read_foreign_rows
+from swarmdata.interop.torchrl.torchrl_foreign import TRAJECTORY_KEY, leaf_keys, read_foreign_rows
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.extras import require_extra
@@ -77,11 +77,9 @@ _WITH_LAST_AXIS = frozenset(
 )
 """Arrays that have a last axis of size 1 in TorchRL."""
 
-_TRAJECTORY_KEY: Key = ("collector", "traj_ids")
 _DONE_KEY: Key = ("next", "done")
 
-_PICKLES = (".pickle", ".pkl", ".pt", ".pth")
-"""Suffixes of files that Python or PyTorch would run."""
+_PICKLES = (".pickle", ".pkl", ".pt", ".pth")  # suffixes of files that Python or PyTorch would run
 
 KEPT_NAMES = {
     **{name: ".".join(key) for name, key in _ARRAY_KEYS.items()},
@@ -107,14 +105,14 @@ def _layout(dataset: Dataset) -> Any:
     import torch  # noqa: PLC0415  (an extra, and heavy)
     from tensordict import TensorDict  # noqa: PLC0415  (an extra)
 
-    n, empty = dataset.n_steps, dict[str, Any]()
-    discrete = _is_discrete(dataset)
+    n, discrete = dataset.n_steps, _is_discrete(dataset)
+    rows = TensorDict({}, [n])
     for name, (shape, dtype) in row_shapes(dataset).items():
         row = _like_theirs(name, np.zeros((1, *shape), dtype), discrete)
-        _put(empty, _TIME_KEYS[name], torch.from_numpy(row).expand(n, *row.shape[1:]))
-    _put(empty, _DONE_KEY, torch.zeros(1, dtype=torch.bool).expand(n, 1))
-    _put(empty, _TRAJECTORY_KEY, torch.zeros(1, dtype=torch.int64).expand(n))
-    return TensorDict(empty, [n])
+        rows[_TIME_KEYS[name]] = torch.from_numpy(row).expand(n, *row.shape[1:])
+    rows[_DONE_KEY] = torch.zeros(1, dtype=torch.bool).expand(n, 1)
+    rows[TRAJECTORY_KEY] = torch.zeros(1, dtype=torch.int64).expand(n)
+    return rows
 
 
 def _is_discrete(dataset: Dataset) -> bool:
@@ -136,13 +134,7 @@ def _fill(target: Any, dataset: Dataset) -> None:
             target[_TIME_KEYS[name]][rows] = torch.from_numpy(theirs)
         ended = arrays["terminations"] | arrays["truncations"]
         target[_DONE_KEY][rows] = torch.from_numpy(ended[:, None])
-        target[_TRAJECTORY_KEY][rows] = torch.from_numpy(trajectories[rows])
-
-
-def _put(tree: dict[str, Any], key: Key, value: Any) -> None:
-    for part in key[:-1]:
-        tree = tree.setdefault(part, {})
-    tree[key[-1]] = value
+        target[TRAJECTORY_KEY][rows] = torch.from_numpy(trajectories[rows])
 
 
 def _like_theirs(name: str, values: NDArray[Any], discrete: bool) -> NDArray[Any]:
@@ -189,10 +181,10 @@ def replay_buffer(
                 f"the transitions have no keys {lacking}; they have {sorted(leaf_keys(rows))}. Ask "
                 "for these."
             )
-        rows = rows.select(*wanted, *([] if slice_length is None else [_TRAJECTORY_KEY]))
+        rows = rows.select(*wanted, *([] if slice_length is None else [TRAJECTORY_KEY]))
     sampler = data.RandomSampler()
     if slice_length is not None:
-        sampler = data.SliceSampler(slice_len=slice_length, traj_key=_TRAJECTORY_KEY)
+        sampler = data.SliceSampler(slice_len=slice_length, traj_key=TRAJECTORY_KEY)
     # the first kind adds `index`
     kind = data.TensorDictReplayBuffer if keys is None else data.ReplayBuffer
     return kind(storage=data.TensorStorage(rows), sampler=sampler, batch_size=batch_size)
@@ -200,11 +192,7 @@ def replay_buffer(
 
 @contextmanager
 def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
-    """Opens the folder of a memory-mapped TensorDict, or one written by a replay buffer's `dumps`.
-
-    Raises:
-        ConversionError: it is no such folder, lacks keys, or is ambiguous.
-    """
+    """Opens the folder of a memory-mapped TensorDict, or one of a replay buffer's `dumps`."""
     rows = _load(source)
     if (note := read_note(source)) is not None:
         yield _read_exported(rows, source, note)
@@ -268,8 +256,7 @@ def _like_ours(name: str, values: NDArray[Any]) -> NDArray[Any]:
 FORMAT = Format("torchrl", "TorchRL TensorDict", KEPT_NAMES, LOST_REASONS, read, write)
 
 
-PREFIX = "swarmdata"
-"""What names of this library's datasets begin with in TorchRL, before a colon."""
+PREFIX = "swarmdata"  # what names of this library's datasets begin with in TorchRL, before a colon
 
 
 def register_torchrl() -> None:
@@ -320,13 +307,5 @@ def load_replay_buffer(
     keys: Sequence[Key | str] | None = None,
     **options: Any,
 ) -> Any:
-    """Loads a dataset as a TorchRL replay buffer of its train split.
-
-    Args:
-        dataset_id: as of `swarmdata.load`.
-        batch_size: number of transitions of a sample.
-        slice_length: consecutive steps of one episode; None: single transitions.
-        keys: to sample; None: all.
-        **options: of `swarmdata.load`.
-    """
+    """Loads the train split of `swarmdata.load(dataset_id, **options)` as `replay_buffer`."""
     return replay_buffer(load(dataset_id, **options).split("train"), batch_size, slice_length, keys)

@@ -27,7 +27,7 @@ from swarmdata.interop.conversion.imported_data import AgentShapes, ImportedData
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.types import Bool, Int
 
-_TRAJECTORY_KEY = ("collector", "traj_ids")
+TRAJECTORY_KEY = ("collector", "traj_ids")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,13 +41,9 @@ class _Group:
 
 
 def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> ImportedData:
-    """Imports transitions [n] or [B, T] that this library did not write.
-
-    Raises:
-        ConversionError: keys are missing, or ends are ambiguous.
-    """
+    """Imports transitions [n] or [B, T] that this library did not write."""
     if rows.batch_dims == 2:
-        rows = rows.reshape(-1) if _TRAJECTORY_KEY in leaf_keys(rows) else _with_rows(rows)
+        rows = rows.reshape(-1) if TRAJECTORY_KEY in leaf_keys(rows) else _with_rows(rows)
     if rows.batch_dims != 1:
         raise ConversionError(f"{source} has batch size {tuple(rows.batch_size)}, expected [n]")
     if not len(rows):
@@ -69,7 +65,7 @@ def read_foreign_rows(rows: Any, source: Path, task: str, choices: Choices) -> I
         choices=share_choices(counts),
         states=rows["state"].shape[1:].numel() if ("state",) in keys else 0,
     )
-    read_keys = keys | {_TRAJECTORY_KEY, ("next", "done")}
+    read_keys = keys | {TRAJECTORY_KEY, ("next", "done")}
     read_keys |= {key for key in leaf_keys(rows) if key[-1] in ("terminated", "truncated", "done")}
     unread = [".".join(key) for key in leaf_keys(rows) - read_keys]
     return import_without_note(task, shapes, [timeline], choices, unread=unread)
@@ -81,7 +77,7 @@ def _with_rows(rows: Any) -> Any:
 
     n_rows, n_steps = rows.batch_size
     flat = rows.reshape(-1)
-    flat[_TRAJECTORY_KEY] = torch.arange(n_rows).repeat_interleave(n_steps)
+    flat[TRAJECTORY_KEY] = torch.arange(n_rows).repeat_interleave(n_steps)
     return flat
 
 
@@ -112,14 +108,8 @@ def _groups(rows: Any, source: Path) -> list[_Group]:
             raise ConversionError(f"{source} lacks the keys {absent} of group {name}")
         observation, action = rows[(*name, "observation")], rows[(*name, "action")]
         n_agents = observation.shape[1] if name else 1
-        groups.append(
-            _Group(
-                name=name,
-                n_agents=n_agents,
-                n_columns=observation.shape[1:].numel() // n_agents,
-                action_size=action.shape[1:].numel() // n_agents,
-            )
-        )
+        sizes = (values.shape[1:].numel() // n_agents for values in (observation, action))
+        groups.append(_Group(name, n_agents, *sizes))
     return groups
 
 
@@ -145,9 +135,9 @@ def _ends(
         terminals, truncations = _flags(rows, groups, "done", source), None
     if terminals is None:
         raise ConversionError(f"{source} has neither ('next', 'terminated') nor ('next', 'done')")
-    if _TRAJECTORY_KEY not in leaf_keys(rows):
+    if TRAJECTORY_KEY not in leaf_keys(rows):
         return np.arange(len(rows)), terminals, truncations
-    ids = _numpy(rows, _TRAJECTORY_KEY).reshape(-1)
+    ids = _numpy(rows, TRAJECTORY_KEY).reshape(-1)
     order = np.argsort(ids, kind="stable")
     ended = terminals if truncations is None else terminals | truncations
     last = np.append(ids[order][1:] != ids[order][:-1], True)
@@ -189,17 +179,11 @@ def _reader(
 
     def read(window: slice) -> Arrays:
         index = order[window]
-        joint = {
-            ours: pad_agents(
-                [
-                    rows_of_agent
-                    for key, group in parts
-                    for rows_of_agent in _by_agent(rows[key][index].numpy(), group.n_agents)
-                ]
-            )
-            for ours, parts in found.items()
-        }
-        return joint | {ours: rows[key][index].numpy() for ours, key in states.items()}
+        joint = {ours: rows[key][index].numpy() for ours, key in states.items()}
+        for ours, parts in found.items():
+            groups = (_by_agent(rows[key][index].numpy(), each.n_agents) for key, each in parts)
+            joint[ours] = pad_agents([agent for group in groups for agent in group])
+        return joint
 
     used = {key for parts in found.values() for key, _ in parts}
     return read, used | set(states.values())

@@ -166,10 +166,9 @@ def test_commands_are_those_of_the_world(dynamics: str, command: str, drive: str
     body = {"dynamics": dynamics, "command": command, "drive": drive}
     team = [{"name": "robot", "count": 4, "robot": body}]
     world = TaskSpec.model_validate({**TINY.spec.model_dump(), "team": team})
-    n, flags = world.n_agents, np.zeros(1, dtype=np.bool_)
-    actions = np.random.default_rng(0).normal(0, 1, (1, n, 2))
-    clipped, times, states = np.zeros((1, n, 2)), np.zeros(1, np.int64), np.zeros((1, 8 * n))
-    states = states.astype(np.float32)
+    n, flags, times = world.n_agents, np.zeros(1, np.bool_), np.zeros(1, np.int64)
+    actions, clipped = np.random.default_rng(0).normal(0, 1, (1, n, 2)), np.zeros((1, n, 2))
+    states = np.zeros((1, 8 * n), np.float32)
     begin_step(
         limits_of(world), flags.copy(), clipped, actions, flags, flags, times, states,
         times.copy(), states.copy(), np.zeros((1, n, 4), np.uint8),

@@ -6,7 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.interop.bags.bag_messages import RosMessages, _header, _pose, _twist
+from swarmdata.interop.bags.bag_messages import _header, _pose, _twist, built
+from tests.interop.logs.logged_team import bounded
 
 ROBOTS = ("robot_0", "robot_1", "robot_2", "robot_3")
 START = 1_700_000_000 * 10**9  # ns
@@ -17,13 +18,7 @@ MAP: dict[str, Any] = {
     "world": "map",
     "each": {
         "pose": {"topic": "/{robot}/odom"},
-        "command": {
-            "topic": "/{robot}/cmd_vel",
-            "components": [
-                {"column": "v", "low": -0.5, "high": 0.5},
-                {"column": "omega", "low": -1, "high": 1},
-            ],
-        },
+        "command": {"topic": "/{robot}/cmd_vel", "components": bounded(v=0.5, omega=1)},
         "scan": {"topic": "/{robot}/scan", "range_max": 3.5, "beams": 4},
     },
     "robots": list(ROBOTS),
@@ -39,13 +34,6 @@ def states(robot: int, seconds: float) -> dict[str, np.ndarray]:
             "y": -SPEED / TURN * np.cos(yaw), "yaw": yaw}  # fmt: skip
 
 
-def messages_of(store: Any) -> RosMessages:
-    """Builds messages of one distribution of ROS, of which only the first one numbers headers."""
-    messages = RosMessages()
-    messages.store = store
-    return messages
-
-
 def transforms() -> dict[str, Any]:
     """A frame of each robot, in `map`."""
     found = []
@@ -57,8 +45,8 @@ def transforms() -> dict[str, Any]:
     return {"transforms": found}
 
 
-def team(messages: RosMessages, seconds: float) -> list[tuple[str, str, int, Any]]:
-    """Topic, type, time and message of everything that four robots log, in the order of time."""
+def team(types: Any, seconds: float) -> list[tuple[str, str, int, Any]]:
+    """Topic, type, time and message of all that four robots log, by time; ROS 1 numbers headers."""
     found: list[tuple[str, str, int, Any]] = [
         ("/tf_static", "tf2_msgs/msg/TFMessage", START, transforms())
     ]
@@ -85,8 +73,8 @@ def team(messages: RosMessages, seconds: float) -> list[tuple[str, str, int, Any
                     "intensities": np.zeros(0, np.float32),
                 }  # fmt: skip
                 found.append((f"/{name}/scan", "sensor_msgs/msg/LaserScan", ns, scan))
-    built = [(topic, kind, ns, messages._built(kind, each)) for topic, kind, ns, each in found]
-    return sorted(built, key=lambda each: each[2])
+    messages = [(topic, kind, ns, built(types, kind, each)) for topic, kind, ns, each in found]
+    return sorted(messages, key=lambda each: each[2])
 
 
 def write_ros2(path: Path, *, storage: str, seconds: float = 60.0) -> Path:
@@ -94,9 +82,9 @@ def write_ros2(path: Path, *, storage: str, seconds: float = 60.0) -> Path:
     from rosbags.rosbag2 import StoragePlugin, Writer
     from rosbags.typesys import Stores, get_typestore
 
-    messages = messages_of(get_typestore(Stores.ROS2_HUMBLE))
+    types = get_typestore(Stores.ROS2_HUMBLE)
     with Writer(path, version=9, storage_plugin=StoragePlugin[storage.upper()]) as writer:
-        _write(writer, messages, seconds, messages.store.serialize_cdr)
+        write_team(writer, types, seconds, types.serialize_cdr)
     return path
 
 
@@ -105,20 +93,19 @@ def write_ros1(path: Path, seconds: float = 60.0) -> Path:
     from rosbags.rosbag1 import Writer
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-    store = get_typestore(Stores.ROS1_NOETIC)
+    types = get_typestore(Stores.ROS1_NOETIC)
     definition = "geometry_msgs/TransformStamped[] transforms"
-    store.register(get_types_from_msg(definition, "tf2_msgs/msg/TFMessage"))
-    messages = messages_of(store)
+    types.register(get_types_from_msg(definition, "tf2_msgs/msg/TFMessage"))
     with Writer(path) as writer:
-        _write(writer, messages, seconds, messages.store.serialize_ros1)
+        write_team(writer, types, seconds, types.serialize_ros1)
     return path
 
 
-def _write(writer: Any, messages: RosMessages, seconds: float, serialize: Any) -> None:
+def write_team(writer: Any, types: Any, seconds: float, serialize: Any) -> None:
     connections = {}
-    for topic, kind, ns, message in team(messages, seconds):
+    for topic, kind, ns, message in team(types, seconds):
         if topic not in connections:
-            connections[topic] = writer.add_connection(topic, kind, typestore=messages.store)
+            connections[topic] = writer.add_connection(topic, kind, typestore=types)
         writer.write(connections[topic], ns, serialize(message, kind))
 
 

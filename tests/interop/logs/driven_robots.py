@@ -1,6 +1,6 @@
 """Robots that our own simulator drives with known gains, lags and delays, and their logs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import swarmdata
 from swarmdata.interop.logs.logged_drives import Drives, Response
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.task_spec import TaskSpec
-from tests.interop.logs.logged_team import write_csv
+from tests.interop.logs.logged_team import bounded, write_csv
 
 DT = 0.1  # s
 LARGEST = (0.4, 1.0)  # m/s, rad/s, of commands
@@ -31,22 +31,19 @@ def random_commands(n_steps: int, seed: int, n_robots: int = len(NAMES)) -> np.n
 
 def simulated(responses: Sequence[Response]) -> TaskSpec:
     """Robots with these responses, which drive through everything."""
-    team = [
+    robots = (
         {
-            "name": f"kind{k}",
-            "count": 1,
-            "robot": {
-                "dynamics": "unicycle",
-                "max_speed": each.speed_gain * LARGEST[0],
-                "max_turn_rate": each.turn_gain * LARGEST[1],
-                "max_acceleration": 20.0,
-                "wheel_grip": 100.0,
-                "actuator_lag": each.lag,
-                "command_delay": each.delay,
-            },
+            "dynamics": "unicycle",
+            "max_speed": each.speed_gain * LARGEST[0],
+            "max_turn_rate": each.turn_gain * LARGEST[1],
+            "max_acceleration": 20.0,
+            "wheel_grip": 100.0,
+            "actuator_lag": each.lag,
+            "command_delay": each.delay,
         }
-        for k, each in enumerate(responses)
-    ]
+        for each in responses
+    )
+    team = [{"name": f"kind{k}", "count": 1, "robot": robot} for k, robot in enumerate(robots)]
     return TaskSpec.parse(
         {"team": team, "backend": "kinematic", "horizon": 100_000, "control_dt": DT,
          "physics_dt": DT / 2, "obstacles": {"circles": 0, "boxes": 0, "corners": 0, "pockets": 0}}
@@ -83,22 +80,22 @@ def drives_of(poses: np.ndarray, commands: np.ndarray) -> Drives:
     )
 
 
+MAP: dict[str, Any] = {
+    "dt": DT,
+    "each": {
+        "log": "{robot}.csv",
+        "time": "t",
+        "pose": {"heading": "yaw"},
+        "command": {"components": bounded(v=LARGEST[0], omega=LARGEST[1])},
+    },
+    "robots": list(NAMES),
+    "episodes": {"length": 10},
+}
+
+
 def log_map(**changes: Any) -> LogMap:
     """The map of their logs."""
-    command = {
-        "components": [
-            {"column": "v", "low": -LARGEST[0], "high": LARGEST[0]},
-            {"column": "omega", "low": -LARGEST[1], "high": LARGEST[1]},
-        ]
-    }
-    content: Mapping[str, Any] = {
-        "dt": DT,
-        "each": {"log": "{robot}.csv", "time": "t", "pose": {"heading": "yaw"}, "command": command},
-        "robots": list(NAMES),
-        "episodes": {"length": 10},
-        **changes,
-    }
-    return LogMap.parse(content)
+    return LogMap.parse({**MAP, **changes})
 
 
 def write_logs(

@@ -12,18 +12,19 @@ from swarmdata.specs.origins.log_map import LogMap
 RATE = 20.0  # Hz
 SPEED, TURN = 0.4, 0.5  # m/s, rad/s
 
+
+def bounded(**largest: float) -> list[dict[str, Any]]:
+    """Components of a command, by their columns and the largest values."""
+    return [{"column": name, "low": -most, "high": most} for name, most in largest.items()]
+
+
 MAP: dict[str, Any] = {
     "dt": 0.1,
     "each": {
         "log": "{robot}.csv",
         "time": {"column": "t"},
         "pose": {"heading": {"column": "yaw", "unit": "deg"}},
-        "command": {
-            "components": [
-                {"column": "v", "low": -0.5, "high": 0.5},
-                {"column": "omega", "low": -1, "high": 1},
-            ]
-        },
+        "command": {"components": bounded(v=0.5, omega=1)},
     },
     "robots": ["anna", "bert"],
 }

@@ -11,7 +11,7 @@ from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.logs import import_logs, remake_logs
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import ImportedLogs
-from tests.interop.logs.logged_team import write_csv
+from tests.interop.logs.logged_team import bounded, write_csv
 from tests.support.pairs import slow
 
 DT, RATE, ROBOTS = 0.1, 50.0, ("anna", "bert")
@@ -30,12 +30,8 @@ def drive(seconds: float, seed: int, noise: float = 0.0, hold: float = 0.7) -> t
     ahead = np.stack([np.cos(yaw), np.sin(yaw)], axis=1) * commands[:, :1] / RATE
     places = np.append(np.zeros((1, 2)), np.cumsum(ahead[:-1], axis=0), axis=0)
     places += rng.normal(0, noise, places.shape)
-    poses = {
-        "t": t,
-        "x": places[:, 0],
-        "y": places[:, 1],
-        "yaw": yaw + rng.normal(0, noise, len(t)),
-    }
+    x, y = places.T
+    poses = {"t": t, "x": x, "y": y, "yaw": yaw + rng.normal(0, noise, len(t))}
     return poses, {"t": t, "v": commands[:, 0], "omega": commands[:, 1]}
 
 
@@ -56,10 +52,7 @@ def clock_map(**changes: Any) -> LogMap:
     command = {
         "log": "{robot}.csv",
         "clock_offset": "estimate",
-        "components": [
-            {"column": "v", "low": -1, "high": 1},
-            {"column": "omega", "low": -2, "high": 2},
-        ],
+        "components": bounded(v=1, omega=2),
         **changes.pop("command", {}),
     }
     pose = {"log": "{robot}-poses.csv", "heading": "yaw"}
@@ -86,9 +79,7 @@ def test_known_offsets_are_found(tmp_path: Path, noise: float) -> None:
         assert clock.uncertainty < DT / 5
         assert clock.explained > 0.7
     assert "The clock of bert's commands was estimated" in dataset.card
-    again = remake_logs(
-        logs, tmp_path / "again", ImportedLogs.from_file(dataset.path / "recipe.json")
-    )
+    again = remake_logs(logs, tmp_path / "again", origin)
     assert again.digest == dataset.digest
 
 
@@ -97,10 +88,14 @@ def test_the_offset_is_added_to_the_times_of_commands(tmp_path: Path) -> None:
     logs = write(tmp_path)[2:]
     found = make(tmp_path, logs, clock_map(robots=["bert"]))
     (clock,) = found.recipe.clocks
-    straight = clock_map(command={"clock_offset": clock.offset}, robots=["bert"])
-    given = import_logs(logs, tmp_path / "given", log_map=straight, id=ID)
-    unmoved = clock_map(command={"clock_offset": 0.0}, robots=["bert"])
-    plain = import_logs(logs, tmp_path / "plain", log_map=unmoved, id=ID)
+    given, plain = (
+        make(
+            tmp_path / str(offset),
+            logs,
+            clock_map(command={"clock_offset": offset}, robots=["bert"]),
+        )
+        for offset in (clock.offset, 0.0)
+    )
     assert_array_equal(found[3].actions, given[3].actions)
     assert_array_equal(found[3].observations, given[3].observations)
     assert plain[3].actions.shape == given[3].actions.shape
@@ -137,8 +132,7 @@ def test_commands_that_repeat_are_refused(tmp_path: Path) -> None:
 
 
 def test_unknown_commands_have_no_offset() -> None:
-    components = [{"column": "left", "low": -1, "high": 1}]
     with pytest.raises(SpecError, match="needs to know what is commanded"):
-        clock_map(command={"components": components})
+        clock_map(command={"components": bounded(left=1)})
     with pytest.raises(SpecError, match="needs logged commands"):
         clock_map(command={"differences": True})

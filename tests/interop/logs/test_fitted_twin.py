@@ -17,6 +17,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from tests.interop.logs.driven_robots import (
     DT,
     LARGEST,
+    MAP,
     NAMES,
     log_map,
     played,
@@ -42,10 +43,9 @@ def logged(folder: Path, seed: int = 0, **changes: Any) -> Dataset:
         poses[:, 1] = poses[0, 1]
     poses = poses + np.random.default_rng(seed).normal(0, NOISE, poses.shape)
     logs = write_logs(folder, poses, commands, without)
-    found: Dataset = swarmdata.import_logs(
+    return swarmdata.import_logs(
         logs, folder / "data", log_map=log_map(**changes), id="hall-drive-v0"
     )
-    return found
 
 
 @pytest.fixture(scope="module")
@@ -63,9 +63,8 @@ def test_each_robot_has_the_response_that_it_had(twin: Twin) -> None:
     assert not twin.flags
     for name, true in zip(NAMES, TRUE, strict=True):
         found = twin.responses[name]
-        assert_allclose(
-            [found.speed_gain, found.turn_gain], [true.speed_gain, true.turn_gain], rtol=0.02
-        )
+        assert_allclose(found.speed_gain, true.speed_gain, rtol=0.02)
+        assert_allclose(found.turn_gain, true.turn_gain, rtol=0.02)
         assert_allclose(found.delay * DT + found.lag, true.delay * DT + true.lag, atol=0.03)
     assert_allclose([twin.sources.position, twin.sources.heading], NOISE, rtol=0.2)
 
@@ -161,15 +160,10 @@ def test_too_little_is_refused(tmp_path: Path) -> None:
 def test_what_has_no_commands_is_refused(tmp_path: Path, tiny: Path) -> None:
     with pytest.raises(ConversionError, match="expected a dataset that `swarmdata import`"):
         fit_twin(Dataset.open(tiny))
-    components = [
-        {"column": "v", "low": -0.4, "high": 0.4},
-        {"column": "omega", "low": -1, "high": 1},
-    ]
-    each = {"log": "{robot}.csv", "time": "t", "pose": {"heading": "yaw"}}
-    guessed = {"components": components, "differences": True, "outside": "clip"}
-    aside = {
-        "components": [components[0] | {"motion": "vy"}, components[1]],
-    }
+    v, omega = MAP["each"]["command"]["components"]
+    guessed = {"components": [v, omega], "differences": True, "outside": "clip"}
+    aside = {"components": [v | {"motion": "vy"}, omega]}
+    each = MAP["each"]
     with pytest.raises(ConversionError, match="differences of its poses"):
         fit_twin(logged(tmp_path / "a", each={**each, "command": guessed}, ignore=["v", "omega"]))
     with pytest.raises(ConversionError, match="are vy, omega, expected v and omega"):

@@ -1,6 +1,7 @@
 """Tables of robots become datasets: what is in them, what is refused, that they can be remade."""
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from tests.interop.logs.logged_team import (
     MAP,
     SPEED,
     TURN,
+    bounded,
     drive,
     each,
     log_map,
@@ -40,6 +42,16 @@ def make(folder: Path, logs: Any, **changes: Any) -> Dataset:
 
 def assert_audited(dataset: Dataset) -> None:
     assert audit(dataset.path, progress=False).problems == ()
+
+
+def notes(dataset: Dataset) -> Mapping[str, str]:
+    return dataset.recipe.metadata or {}
+
+
+@pytest.fixture
+def logs(tmp_path: Path) -> list[Path]:
+    """A minute of both robots, in a file each."""
+    return write_team(tmp_path)
 
 
 def without(columns: dict[str, np.ndarray], start: float, stop: float) -> dict[str, np.ndarray]:
@@ -68,8 +80,7 @@ def test_a_team_becomes_a_dataset(tmp_path: Path) -> None:
     assert "A step takes 0.1 s." in dataset.card
 
 
-def test_the_same_logs_give_it_again(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
+def test_the_same_logs_give_it_again(tmp_path: Path, logs: list[Path]) -> None:
     dataset = make(tmp_path, logs)
     origin = ImportedLogs.from_file(dataset.path / "recipe.json")
     again = remake_logs(logs, tmp_path / "again", origin)
@@ -107,12 +118,11 @@ def test_parquet_is_read_like_text(tmp_path: Path) -> None:
     assert make(tmp_path, logs, each=each(log="{robot}.parquet")).digest == text.digest
 
 
-def test_a_gap_makes_a_robot_absent_or_cuts(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
+def test_a_gap_makes_a_robot_absent_or_cuts(tmp_path: Path, logs: list[Path]) -> None:
     write_csv(logs[1], without(drive(60.0, 1.0), 10.0, 11.0))
     dataset = make(tmp_path, logs, episodes={})
     assert_audited(dataset)
-    assert "absent_robot_steps" in (dataset.recipe.metadata or {})
+    assert "absent_robot_steps" in notes(dataset)
     (episode,) = list(dataset)
     assert episode.alive is not None
     gone = np.flatnonzero(~episode.alive[:-1, 1])
@@ -142,8 +152,7 @@ def test_clock_offsets_shift_a_robot(tmp_path: Path) -> None:
     assert make(tmp_path, [anna, bert], robots=offset).digest == straight.digest
 
 
-def test_units_and_frames(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
+def test_units_and_frames(tmp_path: Path, logs: list[Path]) -> None:
     straight = make(tmp_path, logs)
     for path, phase in zip(logs, (0.0, 1.0), strict=True):
         columns = drive(60.0, phase)
@@ -152,25 +161,15 @@ def test_units_and_frames(tmp_path: Path) -> None:
         columns |= {"x": 1000 * (y - 1), "y": -1000 * (x - 2), "yaw": columns["yaw"] - 90}
         columns["t"] = np.round(1000 * columns["t"])
         write_csv(path, columns)
-    turned = make(
-        tmp_path,
-        logs,
-        transforms=[{"frame": "hall", "parent": "world", "x": 2, "y": 1, "heading": np.pi / 2}],
-        each=each(
-            time={"column": "t", "unit": "ms"},
-            pose={
-                "x": {"column": "x", "unit": "mm"},
-                "y": {"column": "y", "unit": "mm"},
-                "heading": {"column": "yaw", "unit": "deg"},
-                "frame": "hall",
-            },
-        ),
-    )
+    place = {axis: {"column": axis, "unit": "mm"} for axis in "xy"}
+    pose = {**place, "heading": {"column": "yaw", "unit": "deg"}, "frame": "hall"}
+    signals = each(time={"column": "t", "unit": "ms"}, pose=pose)
+    hall = {"frame": "hall", "parent": "world", "x": 2, "y": 1, "heading": np.pi / 2}
+    turned = make(tmp_path, logs, transforms=[hall], each=signals)
     assert_allclose(turned[4].observations, straight[4].observations, atol=1e-5)
 
 
-def test_scans_features_goals_and_rewards(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
+def test_scans_features_goals_and_rewards(tmp_path: Path, logs: list[Path]) -> None:
     for path in logs:
         columns: dict[str, Any] = drive(60.0, float(path.stem == "bert"))
         n = len(columns["t"])
@@ -203,27 +202,18 @@ def test_scans_features_goals_and_rewards(tmp_path: Path) -> None:
     assert_array_equal(first.observations[..., 3], 1)  # no state of the next goal
 
 
-def test_commands_from_poses_are_flagged(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
-    command = {
-        "components": [
-            {"column": "v", "low": -1, "high": 1},
-            {"column": "omega", "low": -1, "high": 1},
-        ],
-        "differences": True,
-    }
+def test_commands_from_poses_are_flagged(tmp_path: Path, logs: list[Path]) -> None:
+    command = {"components": bounded(v=1, omega=1), "differences": True}
     dataset = make(tmp_path, logs, each=each(command=command), ignore=["v", "omega"])
     assert_audited(dataset)
     assert_allclose(dataset[0].actions[..., 0], SPEED, rtol=2e-3)
     assert_allclose(dataset[0].actions[..., 1], TURN, rtol=1e-3)
-    assert dataset.recipe.metadata is not None
-    assert dataset.recipe.metadata["actions_from_poses"] == "anna, bert"
-    assert dataset.recipe.metadata["ignored"] == "v, omega"
+    assert notes(dataset)["actions_from_poses"] == "anna, bert"
+    assert notes(dataset)["ignored"] == "v, omega"
     assert "**The actions of anna, bert are no commands**" in dataset.card
 
 
-def test_markers_cut(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
+def test_markers_cut(tmp_path: Path, logs: list[Path]) -> None:
     columns: dict[str, Any] = drive(60.0)
     columns["trial"] = np.where(columns["t"] < 1020, "first", "second")
     write_csv(logs[0], columns)
@@ -247,9 +237,8 @@ def test_markers_cut(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_what_does_not_fit_is_refused(
-    tmp_path: Path, changes: dict[str, Any], message: str
+    tmp_path: Path, logs: list[Path], changes: dict[str, Any], message: str
 ) -> None:
-    logs = write_team(tmp_path)
     columns: dict[str, Any] = drive(60.0, 1.0)
     write_csv(logs[1], {**columns, "note": columns["x"]})
     with pytest.raises(ConversionError, match=message):
@@ -257,9 +246,8 @@ def test_what_does_not_fit_is_refused(
     assert not (tmp_path / "dataset").exists()
 
 
-def test_commands_outside_their_bounds(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
-    narrow = [{"column": "v", "low": 0, "high": 0.4}, {"column": "omega", "low": -1, "high": 1}]
+def test_commands_outside_their_bounds(tmp_path: Path, logs: list[Path]) -> None:
+    narrow = [{"column": "v", "low": 0, "high": 0.4}, *bounded(omega=1)]
     with pytest.raises(ConversionError, match=r"command v of anna is 0\.4.*expected 0 to 0\.4"):
         make(tmp_path, logs, each=each(command={"components": narrow}))
     command = {"components": narrow, "outside": "clip"}
@@ -267,13 +255,11 @@ def test_commands_outside_their_bounds(tmp_path: Path) -> None:
     assert_audited(dataset)
     assert dataset[0].actions.max() == np.float32(0.5)
     assert dataset[0].actions[..., 0].max() == np.float32(0.4)
-    assert dataset.recipe.metadata is not None
-    assert "clipped_commands" in dataset.recipe.metadata
+    assert "clipped_commands" in notes(dataset)
 
 
-def test_bounds_that_are_left_out_are_those_of_the_team(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
-    components = [{"column": "v"}, {"column": "omega", "low": -1, "high": 1}]
+def test_bounds_that_are_left_out_are_those_of_the_team(tmp_path: Path, logs: list[Path]) -> None:
+    components = [{"column": "v"}, *bounded(omega=1)]
     dataset = make(tmp_path, logs, each=each(command={"components": components}))
     logged = np.concatenate([drive(60.0, phase)["v"] for phase in (0.0, 1.0)])
     for space in dataset.spec.action_spaces:
@@ -285,8 +271,9 @@ def test_bounds_that_are_left_out_are_those_of_the_team(tmp_path: Path) -> None:
         make(tmp_path, logs, each=each(command={"components": components}))
 
 
-def test_cells_that_are_empty_are_gaps_and_words_are_refused(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
+def test_cells_that_are_empty_are_gaps_and_words_are_refused(
+    tmp_path: Path, logs: list[Path]
+) -> None:
     columns: dict[str, Any] = {key: v.astype(object) for key, v in drive(60.0, 1.0).items()}
     columns["x"][300:340] = ""
     write_csv(logs[1], columns)
@@ -338,15 +325,13 @@ def test_bags_need_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         make(tmp_path, tmp_path / "monday.bag", each=each(log="monday.bag", topic="/pose"))
 
 
-def test_rewards_of_one_time_are_added_up(tmp_path: Path) -> None:
-    logs = write_team(tmp_path)
+def test_rewards_of_one_time_are_added_up(tmp_path: Path, logs: list[Path]) -> None:
     columns = {**drive(60.0), "r": np.full(1200, 0.25)}
     twice = {name: np.repeat(values, 2) for name, values in columns.items()}
     anna = {**each(), "name": "anna", "reward": {"column": "r"}}
     dataset = make(tmp_path, [write_csv(logs[0], twice), logs[1]], robots=[anna, "bert"])
     assert_array_equal(dataset[1].rewards, np.tile([1.0, 0.0], (20, 1)))
-    assert dataset.recipe.metadata is not None
-    assert "repeated_rows" in dataset.recipe.metadata
+    assert "repeated_rows" in notes(dataset)
 
 
 @pytest.mark.parametrize(

@@ -43,22 +43,17 @@ def write_run(folder: Path) -> Path:
     folder.mkdir()
     for k in range(1, 6):
         t, commands, poses = drive(k)
-        seen = t >= 0
-        write(
-            folder / f"Robot{k}_Groundtruth.dat",
-            "Time [s]  x [m]  y [m]  orientation [rad]",
-            np.column_stack([EPOCH + t, poses])[seen],
-        )
-        write(
-            folder / f"Robot{k}_Odometry.dat",
-            "Time [s]  forward v [m/s]  angular v [rad/s]",
-            np.column_stack([EPOCH + t - LAG, commands]),
-        )
-        times = np.r_[40:120:4, 240:320:4, 440:480:4]
+        seen, times = t >= 0, np.r_[40:120:4, 240:320:4, 440:480:4]
         measured = [(EPOCH + s, code, 1.0 + code / 10, 0.5) for s in t[seen][times]
                     for code in ((14, 72, 99) if k == 1 else (27,))]  # fmt: skip
-        write(folder / f"Robot{k}_Measurement.dat", "Time [s]  Subject #  range [m]  bearing [rad]",
-              np.array(measured))  # fmt: skip
+        places = np.column_stack([EPOCH + t, poses])[seen]
+        odometry = np.column_stack([EPOCH + t - LAG, commands])
+        for kind, head, rows in (
+            ("Groundtruth", "x [m]  y [m]  orientation [rad]", places),
+            ("Odometry", "forward v [m/s]  angular v [rad/s]", odometry),
+            ("Measurement", "Subject #  range [m]  bearing [rad]", np.array(measured)),
+        ):
+            write(folder / f"Robot{k}_{kind}.dat", f"Time [s]  {head}", rows)
     write(folder / "Barcodes.dat", "Subject #  Barcode #", np.array(list(BARCODES.items())))
     write(folder / "Landmark_Groundtruth.dat", "Subject #  x [m]  y [m]  x std-dev  y std-dev",
           np.array([[6, 1.0, 2.0, 0.0, 0.0], [7, 2.0, 2.0, 0.0, 0.0]]))  # fmt: skip
@@ -158,7 +153,3 @@ def test_a_barcode_that_is_listed_twice_is_refused(tmp_path: Path) -> None:
     (run / "Barcodes.dat").write_text(text.replace("4\t32\n", "4\t5\n"))
     with pytest.raises(ConversionError, match=r"Barcodes\.dat lists 5 several times"):
         import_logs(run, tmp_path / "dataset", log_map="mrclam", id="mrclam-run_1-v0")
-
-
-def test_maps_that_are_shipped() -> None:
-    assert list(shipped_maps()) == ["mrclam-goals", "mrclam", "retlo-3", "retlo-5", "turtles"]

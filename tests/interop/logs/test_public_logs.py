@@ -59,18 +59,15 @@ def recipe(
 ) -> dict[str, Any]:
     """The one recipe that the package has in these tests; changes count."""
     content = (folder / "Train.csv").read_bytes()
+    entry = {"size": len(content), "sha256": hashlib.sha256(content).hexdigest()}
     recipe = {
         "title": "a look-alike", "source": "https://example.org/robots", "license": "none stated",
         "citation": "Nobody, 2020", "address": host.url, "map": "retlo-3", "id": "retlo-alike-v0",
-        "digest": digest,
-        "files": {"Train.csv": {"size": len(content),
-                                "sha256": hashlib.sha256(content).hexdigest()}},
+        "digest": digest, "files": {"Train.csv": entry},
     }  # fmt: skip
-
-    def known() -> dict[str, PublicLogs]:
-        return {NAME: PublicLogs.parse(recipe, "the recipe")}
-
-    monkeypatch.setattr(public_logs, "public_logs", known)
+    monkeypatch.setattr(
+        public_logs, "public_logs", lambda: {NAME: PublicLogs.parse(recipe, "the recipe")}
+    )
     monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "cache"))
     return recipe
 

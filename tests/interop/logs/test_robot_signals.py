@@ -34,14 +34,17 @@ def test_two_drives_in_one_file_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "dataset").exists()
 
 
-def test_small_disorder_is_put_in_order(tmp_path: Path) -> None:
-    columns = drive(10.0)
-    straight = make(tmp_path, columns)
+def disordered(n: int) -> dict[str, np.ndarray]:
+    """A drive, of which so many rows, 20 a second, run backwards."""
     order = np.arange(200)
-    order[50:60] = order[50:60][::-1]  # half a second
-    columns = {name: values[order] for name, values in columns.items()}
+    order[50 : 50 + n] = order[50 : 50 + n][::-1]
+    return {name: values[order] for name, values in drive(10.0).items()}
+
+
+def test_small_disorder_is_put_in_order(tmp_path: Path) -> None:
+    straight = make(tmp_path, drive(10.0))
     (tmp_path / "b").mkdir()
-    assert make(tmp_path / "b", columns).digest == straight.digest
+    assert make(tmp_path / "b", disordered(10)).digest == straight.digest
 
 
 def test_the_row_is_that_of_the_file(tmp_path: Path) -> None:
@@ -52,10 +55,7 @@ def test_the_row_is_that_of_the_file(tmp_path: Path) -> None:
 
 
 def test_a_signal_may_allow_more(tmp_path: Path) -> None:
-    columns = drive(10.0)
-    order = np.arange(200)
-    order[50:90] = order[50:90][::-1]
-    columns = {name: values[order] for name, values in columns.items()}
+    columns = disordered(40)
     with pytest.raises(ConversionError, match="row 52: time runs back by"):
         make(tmp_path, columns, max_gap=0.01)
     wide = {name: {**MAP["each"][name], "max_gap": 3.0} for name in ("pose", "command")}
@@ -65,17 +65,15 @@ def test_a_signal_may_allow_more(tmp_path: Path) -> None:
 def test_general_quaternions_and_those_of_zeros(tmp_path: Path) -> None:
     columns = drive(10.0)
     yaw = np.deg2rad(columns.pop("yaw"))
-    for name, part in zip(
-        ("qx", "qy", "qz", "qw"), (0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)), strict=True
-    ):
-        columns[name] = 1.05 * part
-    quaternion = each(pose={"quaternion": ["qx", "qy", "qz", "qw"]})
+    names = ("qx", "qy", "qz", "qw")
+    parts = np.stack([0 * yaw, 0 * yaw, np.sin(yaw / 2), np.cos(yaw / 2)])
+    columns |= dict(zip(names, 1.05 * parts, strict=True))
+    quaternion = each(pose={"quaternion": names})
     dataset = make(tmp_path, columns, each=quaternion)
     heading = np.arctan2(*dataset[0].observations[:, 0, [3, 2]].T)
-    np.testing.assert_allclose(
-        np.unwrap(heading), np.unwrap(yaw)[:200:2][: len(heading)], atol=1e-5
-    )
-    for name in ("qx", "qy", "qz", "qw"):
+    expected = np.unwrap(yaw)[:200:2][: len(heading)]
+    np.testing.assert_allclose(np.unwrap(heading), expected, atol=1e-5)
+    for name in names:
         columns[name] = np.where((columns["t"] > 1004) & (columns["t"] < 1006), 0.0, columns[name])
     (tmp_path / "b").mkdir()
     gaps = make(tmp_path / "b", columns, each=quaternion, gaps="cut")
@@ -124,22 +122,35 @@ def facing(sizes: Sequence[int]) -> list[np.ndarray]:
     return [np.where(np.linspace(-np.pi, np.pi, n) > 1e-9, 1.0, np.inf) for n in sizes]
 
 
-def test_infinite_is_nothing_in_range() -> None:
-    assert_array_equal(clean_scans(RANGES[:1], scan(), "anna"), [[1, 2, 5, 5]])
+FOUR, TWO_SCANS = np.arange(1.0, 5.0), [np.ones(4), np.ones(1)]
 
 
-def test_invalid_beams_are_not_known_or_nothing() -> None:
+@pytest.mark.parametrize(
+    ("rows", "changes", "angles", "expected"),
+    [
+        (RANGES[:1], {}, None, [[1, 2, 5, 5]]),
+        (RANGES[1:], {"invalid": "nothing"}, None, [[5, 2, 3, 4], [1, 5, 5, 2]]),
+        (RANGES[:1], {"beams": 2}, None, [[1, 5]]),
+        (RANGES[:1], {"beams": 3}, None, [[1, 2, 5]]),
+        ([FOUR, FOUR[::3]], {"beams": 2}, ([0.0, 0.1], [0.1, 0.2]), [[1, 3], [1, 4]]),
+        ([FOUR, np.roll(FOUR, 2)], {"beams": 4}, ([0.0, np.pi], [np.pi / 2] * 2), [FOUR, FOUR]),
+        (TWO_SCANS, {"beams": 2}, ([0.0] * 2, [0.1] * 2), [[1, 1], [1, np.nan]]),
+        (TWO_SCANS, {"beams": 2, "invalid": "nothing"}, ([0.0] * 2, [0.1] * 2), [[1, 1], [1, 5]]),
+    ],
+    ids=[
+        "infinite is nothing in range", "invalid beams may be nothing", "sectors have the nearest",
+        "also of unequal size", "half the beams by their angles", "the start of a turn is nothing",
+        "a sector without a beam is unknown", "or nothing",
+    ],
+)  # fmt: skip
+def test_scans(rows: Any, changes: dict[str, Any], angles: Any, expected: Any) -> None:
+    turns: Any = None if angles is None else tuple(np.array(each) for each in angles)
+    assert_array_equal(clean_scans(rows, scan(**changes), "anna", turns), expected)
+
+
+def test_invalid_beams_are_not_known() -> None:
     unknown = clean_scans(RANGES, scan(), "anna")
     assert_array_equal(np.isnan(unknown).sum(axis=1), [0, 1, 2])
-    found = clean_scans(RANGES, scan(invalid="nothing"), "anna")
-    assert_array_equal(found[1:], [[5, 2, 3, 4], [1, 5, 5, 2]])
-
-
-def test_sectors_keep_the_nearest() -> None:
-    assert_array_equal(clean_scans(RANGES[:1], scan(beams=2), "anna"), [[1, 5]])
-    assert_array_equal(clean_scans(RANGES[:1], scan(beams=3), "anna"), [[1, 2, 5]])
-    with pytest.raises(ConversionError, match="4 beams, too few for 5 sectors"):
-        clean_scans(RANGES, scan(beams=5), "anna")
 
 
 def test_scans_that_differ_in_their_beams_are_divided_by_angle() -> None:
@@ -151,45 +162,17 @@ def test_scans_that_differ_in_their_beams_are_divided_by_angle() -> None:
     assert np.isnan(found[3]).all()  # nothing is known of a scan without beams
 
 
-def test_a_scan_of_half_the_beams_is_divided_by_its_angles() -> None:
-    rows = [np.arange(1.0, 5.0), np.array([1.0, 4.0])]
-    angles = np.array([0.0, 0.1]), np.array([0.1, 0.2])  # the second misses the first and third
-    assert_array_equal(clean_scans(rows, scan(beams=2), "anna", angles), [[1, 3], [1, 4]])
-
-
-def test_the_start_of_a_full_turn_does_not_matter() -> None:
-    angles = np.array([0.0, np.pi]), np.full(2, np.pi / 2)
-    rows = [np.arange(1.0, 5.0), np.array([3.0, 4.0, 1.0, 2.0])]
-    assert_array_equal(clean_scans(rows, scan(beams=4), "anna", angles), [[1, 2, 3, 4]] * 2)
-
-
-def test_a_sector_without_a_beam_is_not_known() -> None:
-    rows, angles = [np.ones(4), np.ones(1)], (np.zeros(2), np.full(2, 0.1))
-    assert_array_equal(clean_scans(rows, scan(beams=2), "anna", angles)[1], [1, np.nan])
-    nothing = clean_scans(rows, scan(beams=2, invalid="nothing"), "anna", angles)
-    assert_array_equal(nothing[1], [1, 5])
-
-
 @pytest.mark.parametrize(
     ("rows", "angles", "beams", "words"),
     [
         (facing([36, 37]), circle([36, 37]), None, "36 to 37 beams; say into how many sectors"),
         (facing([36, 37]), None, 4, "no columns say at which angles"),
         (facing([36, 37]), (np.zeros(2), np.zeros(2)), 4, "no columns say at which angles"),
-        (
-            facing([4, 4]),
-            (np.array([0.0, 0.5]), np.full(2, 0.1)),
-            4,
-            "scan 2 of anna has beams out",
-        ),
+        (facing([4, 4]), (np.array([0.0, 0.5]), np.full(2, 0.1)), 4, "scan 2 of .* beams outside"),
         ([np.zeros(0)], None, None, "have no beams"),
+        (RANGES, None, 5, "4 beams, too few for 5 sectors"),
     ],
 )
-def test_scans_that_cannot_be_divided(
-    rows: list[np.ndarray],
-    angles: tuple[np.ndarray, np.ndarray] | None,
-    beams: int | None,
-    words: str,
-) -> None:
+def test_scans_that_cannot_be_divided(rows: Any, angles: Any, beams: Any, words: str) -> None:
     with pytest.raises(ConversionError, match=words):
         clean_scans(rows, scan(beams=beams), "anna", angles)

@@ -44,26 +44,24 @@ def write_logs(folder: Path, spec: swarmdata.TaskSpec, episodes: list[Episode]) 
     """What each robot would have logged, at the steps of the world, with pauses in between."""
     paths = []
     for k, robot in enumerate(spec.robots):
-        rows: dict[str, list[float]] = {
-            name: [] for name in ("t", "x", "y", "yaw", "gx", "gy", "a", "b", "run")
-        }
-        now, second = 0, robot.max_speed if robot.dynamics == "holonomic" else robot.max_turn_rate
+        names, rows, now = ("t", "x", "y", "yaw", "gx", "gy", "a", "b", "run"), [], 0
+        second = robot.max_speed if robot.dynamics == "holonomic" else robot.max_turn_rate
         for run, episode in enumerate(episodes):
             states = robots_of(episode.states, N)[:, k].astype(np.float64)
             actions = np.append(episode.actions[:, k], np.zeros((1, 2), np.float32), axis=0)
-            rows["t"] += [0.1 * (now + t) for t in range(len(states))]
-            rows["x"] += states[:, X].tolist()
-            rows["y"] += states[:, Y].tolist()
-            rows["yaw"] += np.arctan2(states[:, 5], states[:, 4]).tolist()
-            rows["gx"] += states[:, TX].tolist()
-            rows["gy"] += states[:, TX + 1].tolist()
-            rows["a"] += (actions[:, 0].astype(np.float64) * robot.max_speed).tolist()
-            rows["b"] += (actions[:, 1].astype(np.float64) * second).tolist()
-            rows["run"] += [float(run)] * len(states)
+            commands = actions.astype(np.float64) * [robot.max_speed, second]
+            times, yaw = (
+                0.1 * (now + np.arange(len(states))),
+                np.arctan2(states[:, 5], states[:, 4]),
+            )
+            x, y, goals = states[:, X], states[:, Y], states[:, TX : TX + 2]
+            runs = np.full(len(states), float(run))
+            rows.append(np.column_stack([times, x, y, yaw, goals, commands, runs]))
             now += len(states) + 30
+        columns = dict(zip(names, np.concatenate(rows).T, strict=True))
         if k > 0:
-            del rows["run"]
-        paths.append(write_csv(folder / f"r{k}.csv", rows))
+            del columns["run"]
+        paths.append(write_csv(folder / f"r{k}.csv", columns))
     return paths
 
 
@@ -90,6 +88,10 @@ def map_of(dynamics: str = "holonomic", **changes: Any) -> dict[str, Any]:
         "episodes": {"marker": {"log": "r0.csv", "time": "t", "column": "run"}},
         **changes,
     }
+
+
+EACH = map_of()["each"]
+WITHOUT_GOALS = {key: value for key, value in EACH.items() if key != "goal"}
 
 
 def make(folder: Path, logs: list[Path], spec: swarmdata.TaskSpec, **changes: Any) -> Dataset:
@@ -168,9 +170,8 @@ def test_goals_are_where_robots_went(tmp_path: Path) -> None:
     """Whatever goals they had: hindsight, in episodes of 3 s."""
     spec = task()
     logs = write_logs(tmp_path, spec, recorded(spec, "random", 2))
-    rest = {key: value for key, value in map_of()["each"].items() if key != "goal"}
     dataset = make(
-        tmp_path, logs, spec, each=rest, ignore=["gx", "gy"],
+        tmp_path, logs, spec, each=WITHOUT_GOALS, ignore=["gx", "gy"],
         episodes={"length": 3.1, "goals": "reached", "min_steps": 30,
                   "marker": map_of()["episodes"]["marker"]},
     )  # fmt: skip
@@ -178,9 +179,7 @@ def test_goals_are_where_robots_went(tmp_path: Path) -> None:
     assert dataset.episodes.success.all()
     for episode in dataset:
         states = robots_of(episode.states, N)
-        assert_array_equal(
-            states[:, :, TX:], np.broadcast_to(states[:1, :, TX:], (len(states), N, 2))
-        )
+        assert (states[:, :, TX:] == states[:1, :, TX:]).all()
         if len(episode) == 30:
             assert_allclose(states[-1, :, :2], states[-1, :, TX:], atol=1e-6)
         away = np.hypot(*(states[-1, :, :2] - states[-1, :, TX:]).T)
@@ -194,8 +193,7 @@ def test_goals_that_were_reached_need_a_task_and_no_goals(tmp_path: Path) -> Non
     reached = {"goals": "reached"}
     with pytest.raises(SpecError, match="takes the place of `goal`"):
         LogMap.parse(map_of(episodes=reached))
-    rest = {key: value for key, value in map_of()["each"].items() if key != "goal"}
-    log_map = LogMap.parse(map_of(each=rest, episodes=reached))
+    log_map = LogMap.parse(map_of(each=WITHOUT_GOALS, episodes=reached))
     spec = task()
     logs = write_logs(tmp_path, spec, recorded(spec, "idle", 1))
     with pytest.raises(SpecError, match="a task that scores the logs, --task"):
@@ -205,13 +203,10 @@ def test_goals_that_were_reached_need_a_task_and_no_goals(tmp_path: Path) -> Non
 def test_commands_have_the_gain_of_their_robots(tmp_path: Path) -> None:
     spec = task()
     logs = write_logs(tmp_path, spec, recorded(spec, "straight", 1))
-    each = map_of()["each"]
-    scaled = [{**part, "scale": 0.5} for part in each["command"]["components"]]
+    scaled = [{**part, "scale": 0.5} for part in EACH["command"]["components"]]
     plain = make(tmp_path / "plain", logs, spec)
-    half = make(
-        tmp_path / "half", logs, spec,
-        each={**each, "command": {**each["command"], "components": scaled}},
-    )  # fmt: skip
+    command = {**EACH["command"], "components": scaled}
+    half = make(tmp_path / "half", logs, spec, each={**EACH, "command": command})
     assert_allclose(half[0].actions, 0.5 * plain[0].actions, atol=1e-7)
     assert_array_equal(half[0].states, plain[0].states)
 
@@ -231,12 +226,9 @@ def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
         layout_of(task(), LogMap.parse(map_of(obstacles=obstacles[:1])))
     world = LoggedWorld(swarmdata.make_task(spec))
     robots = np.zeros((2, N, 6))
-    robots[..., :2] = [
-        [[1.5, -1.5], [-1.5, -1.5], [0.5, 0]],
-        [[1.5, -1.5], [-1.5, -1.5], [0.41, 0]],
-    ]
+    robots[..., :2] = [[[1.5, -1.5], [-1.5, -1.5], [x, 0]] for x in (0.5, 0.41)]
     places = np.stack([robots[:1, :, :2], robots[1:, :, :2]], axis=1)
-    world.begin(LoggedMotion(places, robots, np.zeros((N, 2)), layout))
+    world.motion = LoggedMotion(places, robots, np.zeros((2, N, 2)), layout)
     world.env.reset(np.zeros(1, np.uint64))
     step = world.env.step(np.zeros((1, N, 2), np.float32))
     touched = step.events[0, :, EVENTS.index("obstacle_contact")]
@@ -250,15 +242,9 @@ def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
         ({"states": "poses"}, "its states are the task's own"),
         ({"dt": 0.2}, r"dt is 0\.2 s in the map and control_dt 0\.1 s"),
         ({"robots": ["r0"]}, "the map has 1 robots and the task 3"),
-        ({"each": {**map_of()["each"], "goal": None}}, "the map has no `goal` of r0, r1, r2"),
-        (
-            {"each": {**map_of()["each"], "reward": {"column": "run"}}},
-            "reward of r0, which the task computes itself",
-        ),
-        (
-            {"each": {**map_of()["each"], "command": map_of("unicycle")["each"]["command"]}},
-            "expected vx, vy for a holonomic robot",
-        ),
+        ({"each": {**EACH, "goal": None}}, "the map has no `goal` of r0, r1, r2"),
+        ({"each": {**EACH, "reward": {"column": "run"}}}, "reward of r0, which the task computes"),
+        ({"each": {**EACH, "command": map_of("unicycle")["each"]["command"]}}, "expected vx, vy "),
     ],
 )
 def test_what_cannot_be_known_is_refused(

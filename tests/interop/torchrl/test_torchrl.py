@@ -121,20 +121,11 @@ def their_rows(lengths: list[int], cut: list[bool], n_agents: int = 2) -> Any:
         reward = of_agents(arrays["rewards"][:, None])
         return {"observation": seen("next_observations", columns), "reward": reward}
 
-    return TensorDict(
-        {
-            "adversary": group(2),
-            "agent": group(3),
-            "next": {
-                "adversary": after(2),
-                "agent": after(3),
-                "terminated": arrays["terminals"][:, None],
-                "truncated": arrays["timeouts"][:, None],
-            },
-            "collector": {"traj_ids": episode},
-        },
-        [len(time)],
-    )
+    flags = {"terminated": arrays["terminals"][:, None], "truncated": arrays["timeouts"][:, None]}
+    reached = {"adversary": after(2), "agent": after(3), **flags}
+    groups = {"adversary": group(2), "agent": group(3)}
+    collected = {**groups, "next": reached, "collector": {"traj_ids": episode}}
+    return TensorDict(collected, [len(time)])
 
 
 def test_theirs_with_groups(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata.errors import SchemaError
-from swarmdata.interop.conversion.space_columns import split_rows
+from swarmdata.interop.conversion.dataset_facts import split_rows
 from swarmdata.specs.spaces import (
     BoxSpace,
     DictSpace,
