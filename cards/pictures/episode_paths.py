@@ -16,11 +16,9 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Episode
 
-N_EPISODES_SHOWN = 4
-"""Panels."""
+N_EPISODES_SHOWN = 4  # panels
 
-ARENA_PIXELS = 380
-"""Longer side of a drawn arena."""
+ARENA_PIXELS = 380  # longer side of a drawn arena
 
 
 def choose_episodes(table: EpisodeTable, n: int = N_EPISODES_SHOWN) -> list[int | None]:

@@ -12,11 +12,9 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Float, Int
 
-SMALL_FONT_SIZE = 8
-"""Points of ticks and notes."""
+SMALL_FONT_SIZE = 8  # points of ticks and notes
 
-MAX_RIDGES = 8
-"""Policies that are shown as ridges; more become rows of a table of shades."""
+MAX_RIDGES = 8  # policies that are shown as ridges; more become rows of a table of shades
 
 N_RETURN_BINS = 36
 END_COLORS = dict(zip(END_REASONS, (COLORS[2], "#D52222", COLORS[1], COLORS[0]), strict=True))

@@ -24,28 +24,22 @@ from swarmdata.specs.spaces import bounds
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float
 
-WIDTH, HEIGHT = 10.0, 6.25
-"""Inches of the sheet; 1600 x 1000 pixels."""
+WIDTH, HEIGHT = 10.0, 6.25  # inches of the sheet; 1600 x 1000 pixels
 
-RECORDED_HEIGHT = 3.6
-"""Inches of the sheet of a recording of another environment."""
+RECORDED_HEIGHT = 3.6  # inches of the sheet of a recording of another environment
 
-MAX_PICTURE_BYTES = 120_000
-"""Of the file, so that a hundred cards weigh little."""
+MAX_PICTURE_BYTES = 120_000  # of the file, so that a hundred cards weigh little
 
 PALETTE_SIZES = (256, 192, 128, 96, 64, 48)
 """Colors that the sheet is reduced to: the most with which the file has at most this size."""
 
-N_SAMPLED_STEPS = 20_000
-"""Joint steps whose actions are counted."""
+N_SAMPLED_STEPS = 20_000  # joint steps whose actions are counted
 
-MAX_ACTION_ROWS = 40
-"""Columns of actions that are shown; of more, evenly spread ones."""
+MAX_ACTION_ROWS = 40  # columns of actions that are shown; of more, evenly spread ones
 
 N_ACTION_BINS = 36
 
-PATH_KEY = "○ start   ·   robot: end   ·   its color: its path and target"
-"""Of the episodes below."""
+PATH_KEY = "○ start   ·   robot: end   ·   its color: its path and target"  # of the episodes below
 
 PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leaves it out)"
 
@@ -78,7 +72,6 @@ def draw_card(dataset: Dataset, path: Path) -> None:
 
 
 def _draw_episodes(sheet: Any, dataset: Dataset, spec: TaskSpec) -> None:
-    """Draws a dataset of a task."""
     table, recipe = dataset.episodes, dataset.recipe
     places, _ = places_of(dataset.stored, dataset.selection)
     steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_SAMPLED_STEPS)
@@ -98,7 +91,6 @@ def _draw_episodes(sheet: Any, dataset: Dataset, spec: TaskSpec) -> None:
 
 
 def _draw_recorded(sheet: Any, dataset: Dataset, spec: Spec) -> None:
-    """Draws a recording of another environment."""
     table, stored = dataset.episodes, dataset.stored
     steps, states = sample_steps(stored.table, dataset.selection, N_SAMPLED_STEPS)
     acting = np.ones((len(steps), spec.n_agents), np.bool_)

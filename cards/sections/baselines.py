@@ -57,8 +57,7 @@ def _where(rows: Sequence[Means], column: str, value: str) -> list[Means]:
     return [row for row in rows if row[column] == value]
 
 
-Algorithms = dict[str, dict[str, Means]]
-"""Label -> quantity -> row."""
+Algorithms = dict[str, dict[str, Means]]  # label -> quantity -> row
 
 
 def _by_algorithm(rows: Sequence[Means]) -> Algorithms:

@@ -1,7 +1,4 @@
-"""The sections of a card that depend on where the dataset comes from.
-
-They ask the protocol `Origin` only, so that a new kind of origin needs nothing here.
-"""
+"""The sections of a card on where the dataset comes from, as the protocol `Origin` says."""
 
 from swarmdata.cards.sections.front_matter import PROPERTIES
 from swarmdata.cards.sections.wording import (
@@ -17,11 +14,9 @@ from swarmdata.specs.origins import Origin
 from swarmdata.specs.origins.edit_origin import Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
-EXPECTED_METADATA = ("description", "author", "license", "code")
-"""What every author should state, in the order of the card."""
+EXPECTED_METADATA = ("description", "author", "license", "code")  # that authors should state
 
-MOST_NUMBERS = 6
-"""Episode numbers that are listed in full."""
+MOST_NUMBERS = 6  # episode numbers that are listed in full
 
 
 def tier_section(origin: Origin) -> str:
@@ -95,7 +90,6 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
 
 
 def _promise(origin: Origin) -> str:
-    """What a rebuild gives."""
     inexact = [source.label for source in origin.policies if source.name == "network"]
     world = origin.spec.world
     if world is not None and world.backend == "mujoco":

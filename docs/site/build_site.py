@@ -19,15 +19,13 @@ import swarmdata
 from docs.site.algorithm_pages import algorithm_pages
 from docs.site.api_pages import api_pages
 from docs.site.data_pages import data_pages
-from docs.site.navigation import add_navigation
 from docs.site.schema_pages import schema_pages
-from docs.site.staged_pages import stage_pages
+from docs.site.staged_pages import add_navigation, stage_pages
 from docs.site.task_pages import task_pages
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 
 HERE = Path(__file__).parent
-MARK = ".swarmdata-docs"
-"""File that says that a folder is a site, which may be replaced."""
+MARK = ".swarmdata-docs"  # file that says that a folder is a site, which may be replaced
 
 NAME = re.compile(r"\sid=\"([^\"]+)\"")
 ADDRESS = re.compile(r"<(?:a|img|link|script)\b[^>]*?\s(?:href|src)=\"([^\"]+)\"")

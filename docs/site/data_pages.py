@@ -1,12 +1,13 @@
 """Pages of published data: the index of cards and of studies, the formats, and the layouts."""
 
 from importlib import import_module
+from pathlib import Path
 
 from docs.site.docstrings import markdown_of
-from docs.site.formats_page import FACT_TITLES
 from docs.site.staged_pages import ROOT
 from docs.site.task_pages import columns_table, percent
 from swarmdata.drawing.markdown import table
+from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS
 from swarmdata.interop.formats import FORMATS, Format, all_formats
 from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import name_of, preset
@@ -164,3 +165,47 @@ tasks](../schemas/task.md#{model.lower()}). These are the {len(columns)} columns
 
 def _kind(name: str) -> str:
     return name.partition("-")[0]
+
+
+PAGE = Path(__file__).parents[1] / "your-data.md"
+
+FACT_TITLES = {
+    "observations": "observations, with the last one",
+    "states": "global states, with the last one",
+    "sent": "messages sent",
+    "delivered": "messages delivered",
+    "ages": "age of the newest message",
+    "alive": "which agents still act",
+    "action_masks": "action masks",
+    "actions": "actions",
+    "log_probs": "log-probabilities of actions",
+    "rewards": "rewards of each agent",
+    "terminations": "terminations",
+    "truncations": "truncations",
+    "events": "contacts and collisions",
+    "reward_terms": "unweighted terms of the rewards",
+    "agent_terminations": "terminations of each agent",
+    "agent_truncations": "truncations of each agent",
+    "layout": "obstacles",
+    "seed": "seed",
+    "policy": "behavior policy",
+    "end_reason": "end reason",
+    "split": "split",
+    "spec": "task, or spaces of a recording",
+}
+
+HEAD = ("name", "format", "direction", "an export loses")
+
+
+def page() -> str:
+    """The page, with its table written anew; the words around it are an author's."""
+    text = PAGE.read_text(encoding="utf-8")
+    rows = []
+    for each in all_formats():
+        lost = ", ".join(f"`{fact}`" for fact in DATASET_FACTS if fact in each.lost)
+        direction = "write" if each.read is None else "both ways"
+        rows.append([f"`{each.name}`", each.title, direction, lost or "nothing"])
+    before, head, after = text.partition(f"| {' | '.join(HEAD)} |\n")
+    if not head:
+        raise ValueError(f"{PAGE} has no table of {HEAD}")
+    return before + table(HEAD, rows) + after[after.index("\n\n") + 1 :]

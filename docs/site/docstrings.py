@@ -67,7 +67,6 @@ def _literal(node: ast.stmt | None) -> str:
 
 
 def _plain(line: str) -> str:
-    """Escapes what Markdown would read as emphasis or HTML, outside of code spans."""
     parts = re.split(r"(`[^`]*`)", line)
     return "".join(
         part if part.startswith("`") else part.replace("*", r"\*").replace("<", "&lt;")

@@ -42,8 +42,7 @@ INTRODUCTIONS = {
     ),
 }
 
-NO_LIMIT = 10**12
-"""Upper bound of quantities that have none in practice; pages leave it out."""
+NO_LIMIT = 10**12  # upper bound of quantities that have none in practice; pages leave it out
 
 HEAD = ("field", "type and range", "default", "meaning")
 

@@ -34,20 +34,16 @@ N_ROWS, N_TEAM_ROWS = 5_000, 2_500
 N_PAIR_ROWS, N_PAIRS = 2_000, 12
 """Joint steps, and at most how many pairs of robots, whose mutual information is estimated."""
 
-N_VISITS = 100_000
-"""States, of whole episodes, in which robots' places are counted."""
+N_VISITS = 100_000  # states, of whole episodes, in which robots' places are counted
 
-N_ENCOUNTERS = 200
-"""Most episodes of each policy in which passings are counted."""
+N_ENCOUNTERS = 200  # most episodes of each policy in which passings are counted
 
 ENTROPY_RESOLUTION = 0.01
 """Width of the noise that gives repeated values a density: m, m/s, or a share of a command."""
 
-SAMPLING_SEED = 0
-"""Seed of the samples and of the noise."""
+SAMPLING_SEED = 0  # seed of the samples and of the noise
 
-MIN_STEPS = NEIGHBOR_RANK + 2
-"""Fewest joint steps that the estimators accept."""
+MIN_STEPS = NEIGHBOR_RANK + 2  # fewest joint steps that the estimators accept
 
 _COMMAND_BOUNDS = (-1.0 - ENTROPY_RESOLUTION / 2, 1.0 + ENTROPY_RESOLUTION / 2)  # noise included
 

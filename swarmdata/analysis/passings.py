@@ -18,8 +18,7 @@ had to give way."""
 HEAD_ON_MAX_COSINE = -0.7
 """Largest cosine between the velocities when an encounter begins: at least 134 degrees apart."""
 
-MOVING_MIN_SPEED = 0.1
-"""Smallest speed of both robots when an encounter begins, m/s."""
+MOVING_MIN_SPEED = 0.1  # smallest speed of both robots when an encounter begins, m/s
 
 
 class Passings(NamedTuple):
@@ -93,7 +92,6 @@ def _side(a: Double, b: Double, first: int, last: int, near: float) -> int:
 
 @kernel
 def _passings(a: Double, b: Double, near: float, reach: float) -> tuple[int, int]:
-    """Right and left passings of two robots, [T+1, 8] each."""
     n_right, n_left, first = 0, 0, 0
     was_apart, together = False, False
     for t in range(len(a)):

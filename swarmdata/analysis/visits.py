@@ -11,8 +11,7 @@ from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
-CELL_SIZE = 0.1
-"""Side of a cell, m."""
+CELL_SIZE = 0.1  # side of a cell, m
 
 MAX_LAYOUTS = 32
 """Most layouts in which free cells are searched. If obstacles are drawn anew in every episode,

@@ -8,8 +8,7 @@ import numpy as np
 from swarmdata.drawing.style import words_of
 from swarmdata.types import Double
 
-NEAR_SIDE = 0.98
-"""Share of a panel's width, up to which a line ends before the panel does."""
+NEAR_SIDE = 0.98  # share of a panel's width, up to which a line ends before the panel does
 
 MIN_LABEL_GAP = 8.5 / 72
 """Between the middles of two labels, in inches: the height of their letters and a little air."""

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from docs.site.formats_page import page
+from docs.site.data_pages import page
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
 from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, TIME_ARRAYS

@@ -22,8 +22,7 @@ from swarmdata.drawing.style import (
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_statistics import Estimate
 
-Looks = Mapping[str, Mapping[str, str]]
-"""Color and marker of each label, as of `family_looks`."""
+Looks = Mapping[str, Mapping[str, str]]  # color and marker of each label, as of `family_looks`
 
 ROW_HEIGHT, LOWEST_ROW = 0.155, 0.105  # inches; rows are as low as the screen needs
 SCREEN_HEIGHT = 5.5  # inches: of a figure without its legend, so that it has 1,200 pixels at most
@@ -156,7 +155,6 @@ def _wrapped(line: PanelLine, width: float) -> PanelLine:
 
 
 def _decoration(line: PanelLine) -> float:
-    """The height of the titles and ticks of a line of panels, in inches."""
     title = max(panel.title.count("\n") + 1 if panel.title else 0 for panel in line.panels)
     return 0.14 * title + 0.22
 
@@ -175,7 +173,6 @@ def fits_on_a_screen(n_rows: int, n_lines: int) -> bool:
 
 
 def _limits(panels: Iterable[Panel], *, zero: bool) -> dict[str | int, tuple[float, float]]:
-    """The limits of each scale, and of each panel without one."""
     ends: dict[str | int, list[float]] = {}
     fixed: dict[str | int, tuple[float | None, float | None]] = {}
     for panel in panels:

@@ -20,11 +20,9 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks, marker_handles
 from swarmdata.rollouts.score_statistics import Estimate
 
-MAX_WHOLE_POINTS = 6
-"""Of more points in a panel, only those of its front have intervals."""
+MAX_WHOLE_POINTS = 6  # of more points in a panel, only those of its front have intervals
 
-MAX_LARGE_PANELS = 9
-"""More panels are small ones."""
+MAX_LARGE_PANELS = 9  # more panels are small ones
 
 
 class _Layout(NamedTuple):
@@ -39,8 +37,7 @@ class _Layout(NamedTuple):
 LARGE, SMALL = _Layout(3, 2.2, 30, 7.5), _Layout(5, 1.15, 18, 6.5)
 
 
-MOST_HEIGHT = 5.3
-"""Inches, without the legend, so that a figure is no higher than a screen."""
+MOST_HEIGHT = 5.3  # inches, without the legend, so that a figure is no higher than a screen
 
 
 class FrontPanel(NamedTuple):
@@ -106,7 +103,6 @@ def plot_fronts(
 
 
 def _limits(panel: FrontPanel) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits that show every point, and the intervals of those that have them."""
     is_crowded = len(panel.near) > MAX_WHOLE_POINTS
     xs, ys = [0.0], [] if panel.line is None else [panel.line]
     for label, (x, y) in panel.near.items():

@@ -20,8 +20,7 @@ from swarmdata.drawing.style import (
 from swarmdata.errors import SchemaError
 from swarmdata.types import Double
 
-MARKED_POINTS = 6
-"""Markers on a line, at most about."""
+MARKED_POINTS = 6  # markers on a line, at most about
 
 LINE: Mapping[str, Any] = {"lw": 1.4, "ms": 3}
 RING: Mapping[str, Any] = {"marker": "o", "mfc": "white", "mew": 1.2, "ms": 5, "ls": ""}

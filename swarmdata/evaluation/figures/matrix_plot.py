@@ -11,11 +11,9 @@ from swarmdata.evaluation.figures.dot_plot import LOWEST_ROW, SCREEN_HEIGHT
 WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"
 """Ends and middle of the scale, safe for color-blind readers."""
 
-LEAST_CONTRAST = 0.6
-"""Of the scale, from where letters are white."""
+LEAST_CONTRAST = 0.6  # of the scale, from where letters are white
 
-ROW, GAP = 0.19, 0.3
-"""Inches: height of a row; space between two groups, in rows or columns."""
+ROW, GAP = 0.19, 0.3  # inches: height of a row; space between two groups, in rows or columns
 
 WIDEST_COLUMN = 0.62  # inches
 SCALE_WIDTH = 1.5  # inches, of the color bar
@@ -158,7 +156,6 @@ def number(value: float) -> str:
 
 
 def _name_rows(axes: Any, size: _Layout, notes: Notes) -> None:
-    """Names and numbers beside rows."""
     edge, room = -0.06 / size.column, 0.35 / size.column * bool(notes.side)
     for name, y in size.ys.items():
         _write(axes, edge - room, y + 0.5, words_of(name), ha="right")
@@ -183,7 +180,6 @@ def _name_columns(axes: Any, columns: Groups, size: _Layout, notes: Notes) -> No
 
 
 def _draw_scale(axes: Any, scale: Any, size: _Layout, notes: Notes) -> None:
-    """The color bar with its ends, and the note below it."""
     from matplotlib.patches import Rectangle  # noqa: PLC0415  (matplotlib is an extra)
 
     note = 0.17 * bool(notes.below)

@@ -18,8 +18,7 @@ from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
 from swarmdata.runtime.locking import locked
 
-MAX_SHOWN_STALE = 3
-"""Stale cells that an error message names; more are counted."""
+MAX_SHOWN_STALE = 3  # stale cells that an error message names; more are counted
 
 WORKER = "swarmdata.evaluation.study.cells.cell_worker:cell_runner"
 
@@ -68,7 +67,11 @@ def run_cells(
     total = sum(cell.n_updates for cell in waiting)
     n_done = sum(count_updates(cell, cell.folder(work)) for cell in waiting)
     failures = Failures(len(waiting))
-    jobs = [_job(cell, work) for cell in longest_first(waiting, work)]
+    jobs = [
+        Job(cell.name, {"cell": cell.model_dump(mode="json"),
+                        "folder": str(cell.folder(work).resolve())})  # for processes elsewhere
+        for cell in longest_first(waiting, work)
+    ]  # fmt: skip
     hidden = None if progress else True  # None: hidden unless there is a terminal
     with (
         tqdm(total=total, initial=n_done, unit="update", unit_scale=True, desc="cells",
@@ -90,11 +93,6 @@ def run_cells(
 
         opened.run(jobs, report, fail)
     return failures.reasons
-
-
-def _job(cell: Cell, work: Path) -> Job:
-    folder = cell.folder(work).resolve()  # for processes elsewhere
-    return Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
 
 
 def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:

@@ -1,6 +1,6 @@
 """Data efficiency: the same algorithms on smaller parts of the same data."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,9 +15,6 @@ from swarmdata.evaluation.study.pages.collect_results import Findings, is_data_e
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 
 PANEL_HEIGHT = 2.0  # inches
-
-Parts = dict[str, list[DatasetFacts]]
-"""Dataset -> the facts of its measured sizes, the smallest first, of two or more."""
 
 
 def size_section(found: Findings, out: Path) -> dict[str, str]:
@@ -61,11 +58,8 @@ def _panel(
         steps = [n for n, found in shown.items() if label in found]
         ends = np.array([shown[n][label] for n in steps]).T
         lines.append(Line(label, np.array(steps, np.float64), ends, looks[label]))
-    means = {
-        facts.figures.n_steps: board.column.factor * board.data[facts.id]
-        for facts in sizes
-        if facts.id in board.data
-    }
+    factor, known = board.column.factor, [each for each in sizes if each.id in board.data]
+    means = {each.figures.n_steps: factor * board.data[each.id] for each in known}
     if means:
         ends = np.array([list(means.values())] * 3)
         lines.append(Line("mean of the data", np.array(list(means), np.float64), ends, DATA_LINE))
@@ -75,16 +69,13 @@ def _panel(
     return LinePanel(dataset, lines, xscale="log", ticks=ticks)
 
 
-def _table(board: Scoreboard, parts: Parts) -> str:
+def _table(board: Scoreboard, parts: Mapping[str, Sequence[DatasetFacts]]) -> str:
     """A row for each dataset and algorithm, with the estimates of all sizes of that dataset."""
-    rows = []
+    rows: dict[tuple[str, str], list[str]] = {}
     for dataset, sizes in parts.items():
-        for label in dict.fromkeys(label for each in sizes for label in board.estimates[each.id]):
-            cells = [
-                f"{each.figures.n_steps:,}: "
-                f"{format_estimate(board.estimates[each.id][label], board.column)}"
-                for each in sizes
-                if label in board.estimates[each.id]
-            ]
-            rows.append((dataset, f"`{label}`", "; ".join(cells)))
-    return markdown.table(("dataset", "algorithm", f"joint steps: {board.column.label}"), rows)
+        for each in sizes:
+            for label, estimate in board.estimates[each.id].items():
+                text = f"{each.figures.n_steps:,}: {format_estimate(estimate, board.column)}"
+                rows.setdefault((dataset, f"`{label}`"), []).append(text)
+    head = ("dataset", "algorithm", f"joint steps: {board.column.label}")
+    return markdown.table(head, [(*names, "; ".join(texts)) for names, texts in rows.items()])

@@ -13,7 +13,6 @@ from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_view_cell, results_of
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT
-from swarmdata.evaluation.study.plan import ViewsPlan
 
 FIGURE = "information.png"
 
@@ -53,15 +52,14 @@ def _measured(found: Findings) -> dict[str, dict[str, str]]:
     """Short name of each dataset with results -> view, in the plan's order -> name of the case."""
     plan = found.study.information
     assert plan is not None
-    columns: dict[str, dict[str, str]] = {}
-    for dataset in map(short_name, plan.datasets):
-        keys = {}
-        for cell in view_cells(found, dataset):
-            provenance = results_of([cell], found.work)[0].provenance
-            keys[label_of(plan, cell)] = str(provenance.dataset_key)
-        if keys:
-            columns[dataset] = {label: keys[label] for label in plan.views if label in keys}
-    return columns
+    columns = {
+        dataset: {
+            view: str(results_of([cell], found.work)[0].provenance.dataset_key)
+            for view, cell in view_cells(found, dataset)
+        }
+        for dataset in map(short_name, plan.datasets)
+    }
+    return {dataset: names for dataset, names in columns.items() if names}
 
 
 def view_rows(found: Findings) -> list[dict[str, object]]:
@@ -83,22 +81,18 @@ def view_rows(found: Findings) -> list[dict[str, object]]:
     ]
 
 
-def label_of(plan: ViewsPlan, cell: Cell) -> str:
-    """What the plan calls the view of a cell."""
-    models = (cell.observation, cell.communication)
-    return next(label for label, view in plan.views.items() if view.models == models)
-
-
-def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
-    """The finished offline cells of the views of a dataset, by its short name."""
-    for cell in found.cells:
-        is_offline = cell.kind == "offline" and short_name(cell.source) == dataset
-        if is_offline and is_view_cell(found.study, cell):
-            yield cell
+def view_cells(found: Findings, dataset: str) -> Iterator[tuple[str, Cell]]:
+    """The views of a dataset in the plan's order, each with every finished offline cell of it."""
+    plan = found.study.information
+    for label, view in plan.views.items() if plan else ():
+        for cell in found.cells:
+            is_offline = cell.kind == "offline" and short_name(cell.source) == dataset
+            models = (cell.observation, cell.communication)
+            if is_offline and models == view.models and is_view_cell(found.study, cell):
+                yield label, cell
 
 
 def _panel(board: Scoreboard, dataset: str, columns: dict[str, str]) -> str:
-    """A row for each algorithm, a column for each view."""
     found = {}
     for label in board.families:
         for view, name in columns.items():
@@ -119,15 +113,14 @@ def _plot(
     for dataset, names in views.items():
         shown = {view: board.in_shown_units(each) for view, each in names.items()}
         first = shown[next(iter(shown))]
-        labels = [label for label in board.families if label in first]
-        columns[dataset] = [f"{dataset}: {label}" for label in labels]
+        labels = {label: f"{dataset}: {label}" for label in board.families if label in first}
+        columns[dataset] = [*labels.values()]
         for view, found in shown.items():
             best = board.leaders(names[view]) if len(labels) > 1 else []
-            for label in labels:
+            for label, column in labels.items():
                 if label in found:
                     change = found[label].value - first[label].value
-                    cell = MatrixCell(found[label].value, change, label in best)
-                    cells[view, f"{dataset}: {label}"] = cell
+                    cells[view, column] = MatrixCell(found[label].value, change, label in best)
     rows = [view for view in order if any(view in names for names in views.values())]
     notes = Notes(
         SCALE_LIMIT,

@@ -1,8 +1,8 @@
 """The sections on safety: success, success without a collision, and collisions of every row."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.figures.dot_plot import (
@@ -24,8 +24,7 @@ from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
-MAX_ALGORITHMS_IN_MATRIX = 24
-"""Algorithms of which all pairs fit into a figure."""
+MAX_ALGORITHMS_IN_MATRIX = 24  # algorithms of which all pairs fit into a figure
 
 COLLISIONS = Column("collisions", "collisions per episode", "", 2, bounds=AT_LEAST_ZERO)
 """New contacts of a robot with others and with obstacles, counted from events."""
@@ -34,8 +33,7 @@ Pairs = Mapping[str, tuple[Estimate, Estimate]]
 """Label -> horizontal and vertical estimate, in shown units."""
 
 
-@dataclass(frozen=True)
-class Fronts:
+class Fronts(NamedTuple):
     """Success of every row on a dataset, against clean success and against collisions."""
 
     clean: Pairs  # label -> clean success and success, in percent
@@ -61,15 +59,11 @@ def _front(points: Pairs, sign: float) -> tuple[str, ...]:
 def _collision_board(found: Findings) -> Scoreboard:
     """Collisions with robots and obstacles together; fewer are better, so its ranks mean little."""
     values = {
-        case.name: {
-            label: collisions(case, label) for label in found.families if label in case.runs
-        }
+        case.name: {k: collisions(case, k) for k in found.families if k in case.runs}
         for case in found.results.cases
     }
-    data = {
-        dataset: facts.robot_collisions + facts.obstacle_collisions
-        for dataset, facts in facts_by_dataset(found.facts).items()
-    }
+    known = facts_by_dataset(found.facts)
+    data = {name: each.robot_collisions + each.obstacle_collisions for name, each in known.items()}
     return Scoreboard(COLLISIONS, values, data, found.families)
 
 
@@ -108,25 +102,12 @@ def _safety_line(
     clean = {label: x for label, (x, _) in fronts.clean.items()}
     crashes = {label: x for label, (x, _) in fronts.collisions.items()}
     rows = sorted(success, key=lambda label: (-success[label].value, label))
-    rate = (0.0, 100.0)
+    unclean, unsafe = {*rows} - {*fronts.cleanest}, {*rows} - {*fronts.safest}
+    rate, contacts = ("rate", (0.0, 100.0)), (f"collisions in {task}", (0.0, None))
     panels = (
-        Panel(success, "success (%)", dataset, means[0], "rate", rate),
-        Panel(
-            clean,
-            "clean success (%)",
-            line=means[1],
-            scale="rate",
-            limits=rate,
-            hollow={*rows} - {*fronts.cleanest},
-        ),
-        Panel(
-            crashes,
-            COLLISIONS.label,
-            line=means[2],
-            scale=f"collisions in {task}",
-            limits=(0.0, None),
-            hollow={*rows} - {*fronts.safest},
-        ),
+        Panel(success, "success (%)", dataset, means[0], *rate),
+        Panel(clean, "clean success (%)", "", means[1], *rate, unclean),
+        Panel(crashes, COLLISIONS.label, "", means[2], *contacts, unsafe),
     )
     return PanelLine(rows, panels)
 

@@ -27,7 +27,7 @@ from swarmdata.evaluation.study.pages.cell_archive import (
     read_archive,
     write_archive,
 )
-from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
 from swarmdata.evaluation.study.pages.csv_tables import (
     cost_rows,
     curve_rows,
@@ -57,7 +57,7 @@ from swarmdata.evaluation.study.pages.training_curves import (
     online_curve_section,
 )
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.shifts.shift_table import (
+from swarmdata.evaluation.study.shifts.shift import (
     TASKS_FILE,
     TRANSFER_FILE,
     Shifted,
@@ -66,7 +66,7 @@ from swarmdata.evaluation.study.shifts.shift_table import (
     transfer_section,
     write_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweep_sections import (
+from swarmdata.evaluation.study.shifts.sweeps import (
     SWEEPS_FOLDER,
     read_sweeps,
     sweep_sections,
@@ -82,14 +82,14 @@ MADE = "<!-- What follows is made by swarmdata; what stands above this line is k
 STUDY = OutputKind("study")
 
 REPORT_FILE = "report.md"
-RESULTS_FILE = "results.csv"
-DATA_FILE = "data.csv"
-COSTS_FILE = "costs.csv"
-CURVES_FILE = "curves.csv"
+TABLES = {
+    "results.csv": run_rows,
+    "data.csv": dataset_rows,
+    "costs.csv": cost_rows,
+    "curves.csv": curve_rows,
+}
 
 BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
-"""What texts call the seeds of a block."""
-
 
 DATA_CAPTION = (
     "The mean of the data is that of all episodes of a dataset, action noise included: a known "
@@ -97,12 +97,18 @@ DATA_CAPTION = (
     "episode. A difference is higher or lower if its whole interval is."
 )
 
+LINKS = """- [results.csv](results.csv): a row for every run
+- [estimates.csv](estimates.csv): every mean with its interval
+- [data.csv](data.csv): a row for every dataset
+- [costs.csv](costs.csv): a row for every cell
+- [study.yaml](study.yaml): the plan of the study
+- [cells.tar.xz](cells.tar.xz): the episodes, from which `swarmdata study FOLDER` writes this page \
+again
+"""
+
 
 def write_pages(
-    found: Findings,
-    out: Path,
-    command: str,
-    shifts: Mapping[str, Sequence[Shifted]],
+    found: Findings, out: Path, command: str, shifts: Mapping[str, Sequence[Shifted]]
 ) -> list[Path]:
     """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
 
@@ -118,13 +124,7 @@ def write_pages(
     missing = {name: without_folders(reason) for name, reason in found.missing.items()}
     notes = Notes(command=without_folders(command), missing=missing)
     with filled(out, STUDY) as folder:
-        tables = {
-            RESULTS_FILE: run_rows,
-            DATA_FILE: dataset_rows,
-            COSTS_FILE: cost_rows,
-            CURVES_FILE: curve_rows,
-        }
-        for name, rows_of in tables.items():
+        for name, rows_of in TABLES.items():
             write_file(folder / name, to_csv(rows_of(found)).encode())
         plan = Study.parse(without_places(found.study.model_dump(mode="json")), PLAN_FILE)
         write_file(folder / PLAN_FILE, plan.to_yaml().encode())
@@ -172,8 +172,11 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
     study = Study.from_file(folder / PLAN_FILE)
     with tempfile.TemporaryDirectory() as unpacked:
         found, notes = read_archive(study, folder / ARCHIVE_FILE, Path(unpacked))
-        write_file(folder / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
-        tables = {"differences.csv": difference_rows(found), "views.csv": view_rows(found)}
+        tables: dict[str, Sequence[Mapping[str, object]]] = {
+            ESTIMATES_FILE: estimate_rows(found),
+            "differences.csv": difference_rows(found),
+            "views.csv": view_rows(found),
+        }
         for name, rows in tables.items():
             if rows:
                 write_file(folder / name, to_csv(rows).encode())
@@ -185,7 +188,6 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
 
 
 def _made(found: Findings, out: Path, command: str, sweeps: Mapping[str, Degradation]) -> str:
-    """The sections of the page, whose figures are drawn in a folder."""
     online, missing = online_table(found.results.baselines), list(found.missing.items())
     sections = [
         ("Protocol", _protocol(found, command)),
@@ -232,15 +234,14 @@ def _protocol(found: Findings, command: str) -> str:
         "seeds share on an episode); differences between algorithms are paired by episode.\n\n"
         f"{_mixtures(found)}{_rewards(found)}```\n{command}\n```\n\n"
         "Lengths of training (an epoch is as many joint transitions as the training split has):\n\n"
-        f"{training_table(found)}\n{_links()}"
+        f"{training_table(found)}\n{LINKS}"
     )
 
 
 def _mixtures(found: Findings) -> str:
     """What was mixed, and how it is called in tables; empty: nothing."""
-    mixed = [cell for cell in found.cells if cell.parts and cell.name in found.facts]
-    as_recorded = [cell for cell in mixed if not (cell.observation or cell.communication)]
-    names = {cell.source: found.facts[cell.name].id for cell in as_recorded}
+    mixed = [cell for cell in found.cells if cell.parts and is_in_grid(found.study, cell)]
+    names = {cell.source: found.facts[cell.name].id for cell in mixed if cell.name in found.facts}
     rows = [
         (f"`{names[mixture]}`", f"`{mixture}`", f"`{short_name(part)}`", f"{weight:g}")
         for mixture, parts in found.study.mixtures.items()
@@ -262,37 +263,19 @@ def _rewards(found: Findings) -> str:
     return f"{markdown.table(head, rows)}\n" if rows else ""
 
 
-def _links() -> str:
-    """What the other files of the folder have."""
-    files = {
-        RESULTS_FILE: "a row for every run",
-        ESTIMATES_FILE: "every mean with its interval",
-        DATA_FILE: "a row for every dataset",
-        COSTS_FILE: "a row for every cell",
-        PLAN_FILE: "the plan of the study",
-        ARCHIVE_FILE: "the episodes, from which `swarmdata study FOLDER` writes this page again",
-    }
-    return "".join(f"- [{name}]({name}): {what}\n" for name, what in files.items())
-
-
 def _scores(found: Findings, out: Path) -> str:
     board = found.main
-    scale = {
-        "score": "0 is the better of an idle and a random team, 100 the expert.",
-        "return": "Team return; this world has no measured expert.",
-    }[board.column.key]
+    is_score = board.column.key == "score"
+    scale = "Team return; this world has no measured expert."
+    if is_score:
+        scale = "0 is the better of an idle and a random team, 100 the expert."
     shown = {without_version(name): board.in_shown_units(name) for name in board.estimates}
     n_lines = math.ceil(len(shown) / MAX_PANELS_IN_A_LINE)
     if fits_on_a_screen(len(board.families), n_lines):
         plot_by_dataset(
-            shown,
-            board.shown_data,
-            found.looks,
-            out / "scores.png",
-            label=board.column.label,
-            families=board.families,
-            shares_axis=board.column.key == "score",
-        )
+            shown, board.shown_data, found.looks, out / "scores.png", label=board.column.label,
+            families=board.families, shares_axis=is_score,
+        )  # fmt: skip
     else:
         means = {
             name: dict.fromkeys(each, board.shown_data[without_version(name)])
@@ -308,7 +291,6 @@ def _scores(found: Findings, out: Path) -> str:
 
 
 def _overall(found: Findings, out: Path) -> dict[str, str]:
-    """Aggregates of the algorithms that have results on all datasets."""
     results = found.results
     tables = comparable_scores(results).tables
     if len(tables) < 2 or len(results.cases) < 2:

@@ -9,14 +9,12 @@ from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_mat
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.specs.plain_names import without_version
 
-LEAST_COVERAGE = 1 / 3
-"""Of the datasets of a study, on which a row has to be to get a column."""
+LEAST_COVERAGE = 1 / 3  # of the datasets of a study, on which a row has to be to get a column
 
 FRAMES = "framed: the best of a dataset and those not clearly worse (paired); dot: not run"
 
 
-SCALE_LIMIT = 60.0
-"""Points of score or percentage points at which colors end."""
+SCALE_LIMIT = 60.0  # points of score or percentage points at which colors end
 
 
 def plot_board(

@@ -12,8 +12,7 @@ from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
 
-PANEL_HEIGHT = 1.45
-"""Inches."""
+PANEL_HEIGHT = 1.45  # inches
 
 MAX_ON_LINEAR_AXIS = 50.0
 """Values beyond this one get a logarithmic axis, so that small ones beside them stay visible."""
@@ -31,11 +30,10 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
     panels = _panels((cell, found.learning_curve(cell, "success")) for cell in _offline_grid(found))
     if not panels:
         return {}
-    drawn = {
-        f"{dataset}\n{family}": {k: v for k, v in curves.items() if found.family(k) == family}
-        for dataset, curves in panels.items()
-        for family in dict.fromkeys(map(found.family, curves))
-    }
+    drawn: Panels = {}
+    for dataset, curves in panels.items():
+        for label, curve in curves.items():
+            drawn.setdefault(f"{dataset}\n{found.family(label)}", {})[label] = curve
     n_families = len({found.family(label) for curves in panels.values() for label in curves})
     plot_training_curves(
         drawn, found.looks, out / "curves.png", "team success (%)", factor=100.0,
@@ -97,7 +95,6 @@ def plot_training_curves(
 
 
 def _gain_table(panels: Panels) -> str:
-    """A row for each algorithm, a column for each dataset."""
     gains = {
         (label, dataset): f"{100 * c.values[:, -1].mean():.1f} ({100 * last_gain(c):+.1f})"
         for dataset, curves in panels.items()
@@ -143,7 +140,6 @@ def _panels(curves: Iterable[tuple[Cell, Curve | None]]) -> Panels:
 
 
 def _ends_table(panels: Panels) -> str:
-    """The first and last value of every line: means over seeds, and the seeds it ends between."""
     head = ("dataset", "algorithm", "first", "last", "lowest seed", "highest seed")
     rows = []
     for dataset, curves in panels.items():
