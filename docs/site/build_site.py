@@ -13,7 +13,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.parse import unquote
+from urllib.parse import unquote, urlsplit
 
 import swarmdata
 from docs.site.algorithm_pages import algorithm_pages
@@ -80,14 +80,12 @@ def broken_links(site: Path) -> Iterator[str]:
     names = {page: set(NAME.findall(text)) for page, text in texts.items()}
     for page, text in texts.items():
         for address in ADDRESS.findall(text):
-            path, _, anchor = address.partition("#")
-            target = (
-                page.parent.joinpath(unquote(path.partition("?")[0])).resolve() if path else page
-            )
-            if ":" in path.split("/")[0]:
+            link = urlsplit(address)
+            if link.scheme:
                 continue
-            is_known = not anchor or target not in names or unquote(anchor) in names[target]
-            if not target.exists() or not is_known:
+            target = (page.parent / unquote(link.path)).resolve() if link.path else page
+            anchor, known = unquote(link.fragment), names.get(target)
+            if not target.exists() or (anchor and known is not None and anchor not in known):
                 yield f"{page.relative_to(site)}: {address}"
 
 

@@ -71,8 +71,7 @@ WORDS = {
 COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0
 """Inches: of a column and of the text of a page in two columns, as in papers."""
 
-Medium = Literal["paper", "screen"]
-"""What a figure is for: a column of a paper, or a sheet that is only looked at on a screen."""
+Medium = Literal["paper", "screen"]  # a column of a paper, or a sheet to look at on a screen
 
 _PAPER = {
     "font.size": 8,
@@ -155,18 +154,14 @@ def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
     markers = {}
     for label in sorted(families, key=lambda name: name not in FAMILY_OF):
         used = taken.setdefault(color_of[kinds[label]], [])
-        wanted = [_marker_of(label)] if label in FAMILY_OF else []
+        members = [k for k, family in FAMILY_OF.items() if family == FAMILY_OF.get(label)]
+        wanted = [MARKERS[members.index(label)]] if members else []
         free = [each for each in (*wanted, *MARKERS) if each not in used]
         markers[label] = free[0] if free else MARKERS[len(used) % len(MARKERS)]
         used.append(markers[label])
     return {
         label: {"color": color_of[kind], "marker": markers[label]} for label, kind in kinds.items()
     }
-
-
-def _marker_of(algorithm: str) -> str:
-    members = [name for name, family in FAMILY_OF.items() if family == FAMILY_OF[algorithm]]
-    return MARKERS[members.index(algorithm)]
 
 
 def family_colors(kinds: Sequence[str]) -> dict[str, str]:
@@ -249,14 +244,8 @@ def figure(
 ) -> Iterator[Any]:
     """Makes a figure in the project's style and saves it at the end; pyplot's state is unchanged.
 
-    A PNG for a paper gets a PDF of the same name beside it.
-
-    Args:
-        path: where to save; the suffix is the format.
-        width: inches.
-        height: inches.
-        purpose: for the error message if matplotlib is missing.
-        medium: a paper's figures have text of 8 points.
+    Sizes are in inches, and `purpose` is for the error message if matplotlib is missing. A PNG for
+    a paper gets a PDF of the same name beside it.
 
     Raises:
         SchemaError: an unknown suffix.

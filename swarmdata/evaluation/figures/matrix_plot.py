@@ -50,14 +50,9 @@ def plot_matrix(
     path: Path,
     notes: Notes,
 ) -> None:
-    """Draws a matrix with names on all sides and a color bar.
+    """Draws a matrix of cells by row and column with a color bar; what is absent is a dot.
 
-    Args:
-        cells: (row, column) -> number; what is absent is a dot.
-        rows: from the top.
-        columns: from the left; of a key `group: name`, only the name is shown.
-        path: where to save.
-        notes: on colors and frames.
+    Rows are from the top; of a column's key `group: name`, only the name is shown.
     """
     if not cells:
         raise SchemaError("there are no cells to draw, expected at least one.")

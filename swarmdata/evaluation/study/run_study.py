@@ -12,13 +12,14 @@ import numpy as np
 
 from swarmdata.errors import StudyError, UnknownNameError
 from swarmdata.evaluation.results.result_files import load_result
+from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
 from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.evaluation.study.cells.cell_worker import run_cell
 from swarmdata.evaluation.study.cells.cells import DONE_FILE, RESULTS_FOLDER, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
-from swarmdata.evaluation.study.pages.study_folder import STUDY, remove_sweeps, write_pages
+from swarmdata.evaluation.study.pages.study_folder import STUDY, remove_left, write_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.shifts.shift import (
     TASKS_FILE,
@@ -28,7 +29,7 @@ from swarmdata.evaluation.study.shifts.shift import (
     plan_transfers,
     run_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweeps import plan_sweeps, run_sweeps
+from swarmdata.evaluation.study.shifts.sweeps import SWEEPS_FOLDER, plan_sweeps, run_sweeps
 from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.run_files import LOSSES, read_table
 from swarmdata.registry.presets import find_spec
@@ -121,7 +122,8 @@ def _write_pages(
             for sweep in plan_sweeps(found)
             if (sweep.is_ready(work) if measure else sweep.is_measured(work))
         ]
-        remove_sweeps(options.out, found.study.sweeps.keys() - {sweep.label for sweep in ready})
+        others = found.study.sweeps.keys() - {sweep.label for sweep in ready}
+        remove_left(options.out, {f"{SWEEPS_FOLDER}/{k}/{SWEEP_FILE}" for k in others})
         with filled(options.out, STUDY) as folder:
             run_sweeps(ready, work, folder, **jobs)
     shifts = {TRANSFER_FILE: plan_transfers(found), TASKS_FILE: plan_other_tasks(found)}

@@ -118,13 +118,14 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
         with meter.stage("curve"):
             return measure_curve_point(policy, dataset.task, cell.curve_episodes)
 
+    log_every = max(1, min(MAX_LOG_INTERVAL, cell.n_updates // MIN_LOSS_ROWS))
     train_seeds(
         cell.algorithm,
         learned.split("train"),
         run,
         seeds=cell.seeds,
         config=_config(OFFLINE_ALGORITHMS, cell),
-        schedule=schedule_of(cell),
+        schedule=Schedule(log_every, 10 * log_every, cell.curve_every),
         evaluate=None if cell.curve_every is None else measure,
         frame=frame_of(dataset.spec, cell.frame),
         device=cell.device,
@@ -132,12 +133,6 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
         report=report,
     )
     compact(run)
-
-
-def schedule_of(cell: Cell) -> Schedule:
-    """Logs losses at least `MIN_LOSS_ROWS` times, and writes a checkpoint after every tenth row."""
-    log_every = max(1, min(MAX_LOG_INTERVAL, cell.n_updates // MIN_LOSS_ROWS))
-    return Schedule(log_every, 10 * log_every, cell.curve_every)
 
 
 def _config(table: Any, cell: Cell) -> Any:

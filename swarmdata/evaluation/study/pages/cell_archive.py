@@ -12,7 +12,6 @@ from pathlib import Path
 
 from pydantic import Field
 
-from swarmdata.errors import StudyError
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells.cells import (
     CELL_FILE,
@@ -91,16 +90,6 @@ def _shortened(result: bytes) -> bytes:
         for name, values in document["metrics"].items()
     }
     return json.dumps(document, separators=(",", ":")).encode()
-
-
-def check_archive(file: Path) -> None:
-    """Raises StudyError if there is no archive."""
-    if not file.exists():
-        raise StudyError(
-            f"{file.parent} has no {ARCHIVE_FILE}, from which its pages could be written again: it "
-            "is not the folder of a study, or an older version wrote it. Run the study from its "
-            "plan."
-        )
 
 
 def read_archive(study: Study, file: Path, folder: Path) -> tuple[Findings, Notes]:

@@ -11,7 +11,7 @@ from swarmdata.drawing.style import family_looks
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.results.result_files import Result, load_result
-from swarmdata.evaluation.results.result_set import Case, ResultSet, case_order, group_results
+from swarmdata.evaluation.results.result_set import ResultSet, case_order, group_results
 from swarmdata.evaluation.results.result_tables import QUANTITIES, Quantity
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cells import (
@@ -190,8 +190,12 @@ def _read_results(
     has_baselines: bool = False,
 ) -> ResultSet:
     """The results of cells by case, with the facts of their data, and perhaps with online rows."""
-    found, known = group_results(results_of(cells, work)), facts_by_dataset(facts)
-    cases = sorted((_with_data(case, known) for case in found.cases), key=case_order)
+    found, known, cases = group_results(results_of(cells, work)), facts_by_dataset(facts), []
+    for case in found.cases:
+        key = str(case.dataset)  # a view has the same episodes; mixtures have facts of their own
+        data = known.get(key, known.get(key.partition("@")[0]))
+        cases.append(case if data is None else replace(case, data=data.figures))
+    cases.sort(key=case_order)
     found = replace(found, cases=tuple(cases))
     return replace(found, cases=tuple(map(found.with_baselines, cases))) if has_baselines else found
 
@@ -205,9 +209,3 @@ def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
     """Reads all results of finished cells."""
     folders = [cell.folder(work) / RESULTS_FOLDER for cell in cells]
     return [load_result(file) for folder in folders for file in sorted(folder.glob("*.json"))]
-
-
-def _with_data(case: Case, facts: Mapping[str, DatasetFacts]) -> Case:
-    key = str(case.dataset)  # a view has the same episodes; mixtures have facts of their own
-    known = facts.get(key, facts.get(key.partition("@")[0]))
-    return case if known is None else replace(case, data=known.figures)

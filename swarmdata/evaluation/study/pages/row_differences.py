@@ -90,15 +90,6 @@ def measured_differences(found: Findings, plan: DifferencesPlan) -> list[RowDiff
     return differences
 
 
-def missing_pairs(found: Findings, plan: DifferencesPlan) -> list[str]:
-    """The pairs of which a cell is not done, each in a few words."""
-    return [
-        f"`{one}` − `{other}` on {dataset} (no results of {' and '.join(missing)})"
-        for (one, other), dataset, missing in _wanted(found, plan)
-        if missing
-    ]
-
-
 def _wanted(
     found: Findings, plan: DifferencesPlan
 ) -> Iterator[tuple[tuple[str, str], str, list[str]]]:
@@ -152,8 +143,13 @@ def _tables(found: Findings, plan: DifferencesPlan) -> str:
     parts = [markdown.table(head, rows)] if rows else []
     if plan.doubling and rows:
         parts += [f"{ORDERS}{order_table(found, plan)}", budget_table(found, plan)]
-    if missing := missing_pairs(found, plan):
-        parts.append("Not compared yet:\n\n" + "".join(f"- {each}\n" for each in missing))
+    missing = [
+        f"- `{one}` − `{other}` on {dataset} (no results of {' and '.join(labels)})\n"
+        for (one, other), dataset, labels in _wanted(found, plan)
+        if labels
+    ]
+    if missing:
+        parts.append("Not compared yet:\n\n" + "".join(missing))
     return "\n".join(parts)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
 from swarmdata.drawing import markdown
+from swarmdata.errors import StudyError
 from swarmdata.evaluation.figures.dot_plot import (
     MAX_PANELS_IN_A_LINE,
     fits_on_a_screen,
@@ -17,13 +18,12 @@ from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table
-from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE, Degradation
+from swarmdata.evaluation.robustness.sweep_tables import Degradation
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.cell_archive import (
     ARCHIVE_FILE,
     Notes,
-    check_archive,
     read_archive,
     write_archive,
 )
@@ -67,7 +67,6 @@ from swarmdata.evaluation.study.shifts.shift import (
     write_shifts,
 )
 from swarmdata.evaluation.study.shifts.sweeps import (
-    SWEEPS_FOLDER,
     read_sweeps,
     sweep_sections,
 )
@@ -112,11 +111,8 @@ def write_pages(
 ) -> list[Path]:
     """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
 
-    Files that a study wrote into `out` are replaced. The page has the command that runs the study
-    again. `shifts` is what policies reach in other views and tasks, by the name of the file.
-
-    Returns:
-        The files, the page first.
+    The page has the command that runs the study again. `shifts` is what policies reach in other
+    views and tasks, by the name of the file. Returns the files, the page first.
 
     Raises:
         OutputError: the folder has files that no study wrote.
@@ -132,16 +128,11 @@ def write_pages(
             write_shifts(rows, folder / name)
         write_archive(found, notes, folder / ARCHIVE_FILE)
         files = _write_from_archive(folder, out)
-    _remove(out, {name for name in shifts if out / name not in files})
+    remove_left(out, {name for name in shifts if out / name not in files})
     return files
 
 
-def remove_sweeps(out: Path, labels: Collection[str]) -> None:
-    """Removes the tables of sweeps that are not measured, so that no page shows them."""
-    _remove(out, {f"{SWEEPS_FOLDER}/{label}/{SWEEP_FILE}" for label in labels})
-
-
-def _remove(out: Path, names: Collection[str]) -> None:
+def remove_left(out: Path, names: Collection[str]) -> None:
     """Removes what an earlier plan, or results that are gone, left in a study's folder."""
     for name in listed_files(out, STUDY).intersection(names):
         (out / name).unlink(missing_ok=True)
@@ -151,15 +142,16 @@ def rewrite_pages(out: Path) -> list[Path]:
     """Writes estimates, page and figures of a finished study again, from its folder alone.
 
     What policies reach in other conditions is not computed again: the archive does not have these
-    episodes, and the folder has the estimates. Text above the made part of the page stays.
-
-    Returns:
-        The files, the page first.
+    episodes, and the folder has the estimates. Returns the files, the page first.
 
     Raises:
         StudyError: the folder has no archive of cells.
     """
-    check_archive(out / ARCHIVE_FILE)
+    if not (out / ARCHIVE_FILE).exists():
+        raise StudyError(
+            f"{out} has no {ARCHIVE_FILE}, from which its pages could be written again: it is not "
+            "the folder of a study, or an older version wrote it. Run the study from its plan."
+        )
     with filled(out, STUDY) as folder:
         for name in (PLAN_FILE, ARCHIVE_FILE, TRANSFER_FILE, TASKS_FILE):
             if (out / name).exists():

@@ -25,16 +25,10 @@ def plot_board(
     *,
     has_side: bool = False,
 ) -> None:
-    """Draws a quantity of all rows on all datasets, colored by the difference to another number.
+    """Draws a quantity of all rows on all datasets, colored by the difference to `base`.
 
-    Rows of the matrix are the datasets by task; of few datasets, the rows of the study.
-
-    Args:
-        board: the quantity.
-        path: where to save.
-        base: dataset -> label -> what its color is the difference to, in shown units.
-        scale: what the color shows.
-        has_side: whether the mean of the data stands beside each dataset.
+    Rows of the matrix are the datasets by task, perhaps with the mean of the data beside them; of
+    few datasets, the rows of the study. `scale` says what the color shows.
     """
     datasets = _datasets(board)
     is_wide = len(board.estimates) > MAX_PANELS_IN_A_LINE

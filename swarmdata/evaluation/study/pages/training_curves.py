@@ -77,10 +77,9 @@ def plot_training_curves(
     n_columns: int = 3,
     xlabel: str = "gradient updates",
 ) -> None:
-    """Draws values over training: the mean over seeds in a band from lowest to highest.
+    """Draws values over training, by title and algorithm: means in bands of all seeds.
 
-    Panels, `n_columns` in a row at most, are title -> algorithm -> curve; `factor` is from its
-    values to the unit of the vertical axis, which they share.
+    `factor` is from values to the unit of the vertical axis, which all panels share.
     """
     styles = {name: {**looks[name], **look} for name, look in line_looks(looks).items()}
     drawn = [

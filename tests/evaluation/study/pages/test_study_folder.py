@@ -16,7 +16,7 @@ from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells import cell_worker, run_cells
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER
-from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+from swarmdata.evaluation.study.pages.study_folder import MADE, page_with, rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG, Here, Make, options_in
@@ -237,3 +237,13 @@ def test_pairs_and_online_rows_have_sections(make_study: Make, data: Path, tmp_p
     drawn = {path.name for path in report.parent.glob("*.png")}
     assert {"differences-doubling.png", "online-curves.png"} <= drawn
     assert "differences-more.png" not in drawn
+
+
+def test_only_what_is_made_is_replaced(tmp_path: Path) -> None:
+    file = tmp_path / "page.md"
+    file.write_text(page_with("first table", file, "Title"))
+    assert file.read_text() == f"# Title\n\n{MADE}\n\nfirst table\n"
+    file.write_text(file.read_text().replace("# Title\n", "# Title\n\nBy hand.\n"))
+    assert page_with("second", file, "Other") == f"# Title\n\nBy hand.\n\n{MADE}\n\nsecond\n"
+    file.write_text("By hand alone.\n")
+    assert page_with("second", file, "Other") == f"By hand alone.\n\n{MADE}\n\nsecond\n"
