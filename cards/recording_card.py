@@ -35,7 +35,6 @@ FOREIGN_LIMITS = (
     "Nobody has verified that the episodes come from the policies named here.",
     "There is no normalized score, because no reference policies were measured.",
 )
-"""Known limits of every dataset of another environment."""
 
 MOST_BOUNDS = 8  # bounds of a box that are listed one by one
 

@@ -30,8 +30,7 @@ RECORDED_HEIGHT = 3.6  # inches of the sheet of a recording of another environme
 
 MAX_PICTURE_BYTES = 120_000  # of the file, so that a hundred cards weigh little
 
-PALETTE_SIZES = (256, 192, 128, 96, 64, 48)
-"""Colors that the sheet is reduced to: the most with which the file has at most this size."""
+PALETTE_SIZES = (256, 192, 128, 96, 64, 48)  # colors; the most with which the file is small enough
 
 N_SAMPLED_STEPS = 20_000  # joint steps whose actions are counted
 

@@ -93,11 +93,9 @@ ROW_OFFSETS = (
     "`starts[e] + e` to `starts[e] + e + lengths[e]`. The Zarr attributes of each array describe "
     "its rows and columns, with units, ranges and frames."
 )
-"""Where the rows of an episode are."""
 
 
-FieldRow = tuple[str, str, str, str]
-"""Columns, name, unit and meaning: a line of a table of features."""
+FieldRow = tuple[str, str, str, str]  # columns, name, unit and meaning
 
 
 def observation_rows(task: Task) -> list[FieldRow]:
@@ -199,14 +197,12 @@ SINGLE_ROBOT_NOTE = (
     "only through contacts and proximity, and through the end of the episode, when success is "
     "rewarded."
 )
-"""What the reward says of cooperation where no term is shared."""
 
 STORED_NOTE = (
     "The values of the terms, without weights and signs, are stored as `reward_terms` [T, N, R] in "
     "this order: `dataset[0].reward_terms`. Rewards with other weights are a view: "
     "`dataset.with_rewards(robot_collision=2.0)`."
 )
-"""How to read the terms."""
 
 
 def reward_section(task: Task) -> str:

@@ -17,7 +17,6 @@ REFERENCE_METRICS = (
     "robot_collisions",
     "obstacle_collisions",
 )
-"""Columns of the table."""
 
 
 def references_section(

@@ -24,8 +24,7 @@ from swarmdata.store.arrays.layout import is_checkpoint_file
 from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
-HISTOGRAM_BINS, HISTOGRAM_WIDTH = 12, 40
-"""Rows of the histogram of returns, and characters of its longest bar."""
+HISTOGRAM_BINS, HISTOGRAM_WIDTH = 12, 40  # rows, and characters of the longest bar
 
 HISTOGRAM_TITLE = "Distribution of the team return, with the number of episodes in each bin:"
 

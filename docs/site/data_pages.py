@@ -19,11 +19,9 @@ from swarmdata.store.arrays.attributes import FRAME_MEANINGS, SENSED_NOTES
 from swarmdata.store.arrays.column_meanings import observation_columns
 from swarmdata.store.arrays.layout import ALL_FIELDS, ROW_MEANINGS
 
-SENSORS = ("state", "lidar", "bearing", "occupancy-5")
-"""Observation models whose columns are shown, in the task `coop_nav`."""
+SENSORS = ("state", "lidar", "bearing", "occupancy-5")  # whose columns are shown, in `coop_nav`
 
-RADIOS = ("none", "pose", "goal", "errand", "state", "learned-4")
-"""Communication models whose columns are shown."""
+RADIOS = ("none", "pose", "goal", "errand", "state", "learned-4")  # whose columns are shown
 
 
 def data_pages() -> dict[str, str]:

@@ -9,8 +9,7 @@ from io import StringIO
 from itertools import zip_longest
 from typing import Any
 
-LABEL = re.compile(r"[A-Z]\w+: ")
-"""The beginning of a paragraph that a docstring does not set apart, such as `Action: `."""
+LABEL = re.compile(r"[A-Z]\w+: ")  # a paragraph that a docstring does not set apart, as `Action: `
 
 
 def markdown_of(text: str) -> str:

@@ -25,8 +25,7 @@ CODE_OR_LINK = re.compile(
 )
 """Fenced blocks and code within a line, in which nothing is a link; and addresses of links."""
 
-TUTORIAL_LINK = re.compile(r"(\]\([\w-]+)\.md(?=[)#])")
-"""A link of one tutorial to another, which the site has as a notebook."""
+TUTORIAL_LINK = re.compile(r"(\]\([\w-]+)\.md(?=[)#])")  # the site has the other's notebook
 
 Pages = dict[str, str]  # text of pages by their path on the site
 
@@ -137,8 +136,7 @@ LISTING = (
 SECTION = re.compile(r"^## (.+?)\n(.*?)(?=^## |\Z)", re.MULTILINE | re.DOTALL)
 PAGE = re.compile(r"^\| \[([^\]]+)\]\(([^)#]+)\)", re.MULTILINE)
 
-UNSEARCHED = "cards/published/"
-"""Pages that the search finds by their title only: 80 cards share most of their words."""
+UNSEARCHED = "cards/published/"  # found by title only: they share most words
 
 CATALOGUE = """<a href="catalogue/index.html">The catalogue of this site</a> shows episodes.
 

@@ -1,9 +1,4 @@
-"""Measures how much of its task a dataset covers: places, entropies, dependence, passing sides.
-
-The share of distinct joint states and actions, which is published elsewhere (Joint SACo, arXiv
-2409.12001), saturates at 1 on every continuous dataset. The other figures do not. They are
-estimated from a sample of fixed size, so a dataset of a gigabyte takes no longer than a mini.
-"""
+"""Measures how much of its task a dataset covers, from samples of fixed size."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -28,18 +23,15 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import Double, Float, Int
 
-N_ROWS, N_TEAM_ROWS = 5_000, 2_500
-"""Joint steps from which the entropies of one robot and of the whole team are estimated."""
+N_ROWS, N_TEAM_ROWS = 5_000, 2_500  # joint steps for entropies of one robot, and of the team
 
-N_PAIR_ROWS, N_PAIRS = 2_000, 12
-"""Joint steps, and at most how many pairs of robots, whose mutual information is estimated."""
+N_PAIR_ROWS, N_PAIRS = 2_000, 12  # most joint steps, and pairs of robots, for mutual information
 
 N_VISITS = 100_000  # states, of whole episodes, in which robots' places are counted
 
 N_ENCOUNTERS = 200  # most episodes of each policy in which passings are counted
 
-ENTROPY_RESOLUTION = 0.01
-"""Width of the noise that gives repeated values a density: m, m/s, or a share of a command."""
+ENTROPY_RESOLUTION = 0.01  # width of the noise on repeated values: m, m/s or a share of a command
 
 SAMPLING_SEED = 0  # seed of the samples and of the noise
 
@@ -74,14 +66,11 @@ class Coverage:
     n_steps: int  # joint steps from which entropies are estimated
     places: Occupancy  # visits of robots to the cells of the arena
     n_states: int  # states in which visits are counted
-    states: Entropies | None
-    """Entropies of positions (m) and velocities (m/s); None for fewer than `MIN_STEPS`."""
-    actions: Entropies | None
-    """Entropies of driving commands, in [-1, 1]; None for fewer than `MIN_STEPS`."""
+    states: Entropies | None  # of positions (m) and velocities (m/s); None: below `MIN_STEPS`
+    actions: Entropies | None  # of driving commands, in [-1, 1]; None: below `MIN_STEPS`
     bounds: float  # share of the commands' components that are at a bound
-    distinct: float  # share of distinct joint states and actions, for comparison
-    dependence: Dependence | None
-    """Between robots' commands; None for one robot or fewer than `MIN_STEPS`."""
+    distinct: float  # share of distinct joint states and actions (Joint SACo, arXiv 2409.12001)
+    dependence: Dependence | None  # of robots' commands; None: one robot, or below `MIN_STEPS`
     passings: dict[int, Passings]  # by index of the policy, in the sampled episodes of each
 
 

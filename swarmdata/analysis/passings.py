@@ -8,15 +8,13 @@ from swarmdata.specs.state_layout import VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-ENCOUNTER_DISTANCE = 1.0
-"""Distance between two robots' centres at which an encounter begins and ends, m."""
+ENCOUNTER_DISTANCE = 1.0  # m between centres, at which an encounter begins and ends
 
 PASSING_DISTANCE = 0.5
 """Largest distance between centres at the closest approach of a passing, m. Farther apart, nobody
 had to give way."""
 
-HEAD_ON_MAX_COSINE = -0.7
-"""Largest cosine between the velocities when an encounter begins: at least 134 degrees apart."""
+HEAD_ON_MAX_COSINE = -0.7  # between velocities when an encounter begins: 134 degrees apart
 
 MOVING_MIN_SPEED = 0.1  # smallest speed of both robots when an encounter begins, m/s
 

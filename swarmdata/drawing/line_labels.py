@@ -10,8 +10,7 @@ from swarmdata.types import Double
 
 NEAR_SIDE = 0.98  # share of a panel's width, up to which a line ends before the panel does
 
-MIN_LABEL_GAP = 8.5 / 72
-"""Between the middles of two labels, in inches: the height of their letters and a little air."""
+MIN_LABEL_GAP = 8.5 / 72  # inches between the middles of two labels
 
 
 def label_ends(axes: Any, lines: Sequence[Any], height: float) -> None:

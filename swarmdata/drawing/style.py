@@ -15,14 +15,15 @@ from swarmdata.runtime.extras import require_extra
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
 """From Okabe and Ito, "Color Universal Design", 2008; robots are drawn in the same colors."""
 
-INK, GRAY, FAINT = "#2D333C", "#7A818B", "#E3E5E8"
-"""Of text and axes, of the background, and of grid lines."""
+INK, GRAY, FAINT = (
+    "#2D333C",
+    "#7A818B",
+    "#E3E5E8",
+)  # of text, background and grid
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "p", "h", "d")
-"""Of points that share a color."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "p", "h", "d")  # of points of a color
 
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
-"""Of lines that share a color, in matplotlib's notation."""
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))  # of lines that share a color
 
 DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
 """The mean of a dataset's own episodes, in every figure that shows it."""
@@ -38,8 +39,7 @@ FAMILY_COLORS = {
 }
 """Of the families of algorithms, alike in all figures."""
 
-SPARE_COLORS = ("#D55E00", "#8A7F00", "#7B4BA8")
-"""Of other families, so that none looks like one of those above."""
+SPARE_COLORS = ("#D55E00", "#8A7F00", "#7B4BA8")  # of other families, unlike those above
 
 FAMILY_OF = {
     **dict.fromkeys(("bc", "filtered_bc", "dagger"), "cloning"),
@@ -68,8 +68,7 @@ WORDS = {
 }
 """Parts of labels in committed studies -> words, as patterns of `re.sub`."""
 
-COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0
-"""Inches: of a column and of the text of a page in two columns, as in papers."""
+COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches: of a column and of a page's text, as in papers
 
 Medium = Literal["paper", "screen"]  # a column of a paper, or a sheet to look at on a screen
 

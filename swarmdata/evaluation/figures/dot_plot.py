@@ -34,14 +34,12 @@ LETTER_WIDTH = 0.055  # inches, of 7 points
 class Panel(NamedTuple):
     """One quantity of the rows of a line."""
 
-    estimates: Mapping[str, Estimate]
-    """Row -> estimate in shown units; rows may be absent, values NaN."""
+    estimates: Mapping[str, Estimate]  # by row, in shown units; rows may be absent, values NaN
     xlabel: str  # of the horizontal axis
     title: str = ""  # above the panel
     line: float | None = None  # where the mean of the data is; None: there is none
     scale: str = ""  # panels of one scale have the same limits; empty: limits of its own
-    limits: tuple[float | None, float | None] = (None, None)
-    """Ends of the axis; None: as far as the intervals reach."""
+    limits: tuple[float | None, float | None] = (None, None)  # None: as far as intervals reach
     hollow: Collection[str] = ()  # rows whose markers are not filled
 
 

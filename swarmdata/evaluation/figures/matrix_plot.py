@@ -8,8 +8,7 @@ from swarmdata.drawing.style import GRAY, INK, PAGE_WIDTH, figure, words_of
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import LOWEST_ROW, SCREEN_HEIGHT
 
-WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"
-"""Ends and middle of the scale, safe for color-blind readers."""
+WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"  # safe for color-blind readers
 
 LEAST_CONTRAST = 0.6  # of the scale, from where letters are white
 
@@ -28,8 +27,7 @@ class MatrixCell(NamedTuple):
     is_framed: bool = False  # whether it has a frame and bold letters
 
 
-Groups = Mapping[str, Sequence[str]]
-"""Title of a group -> keys of its rows or columns, in their order."""
+Groups = Mapping[str, Sequence[str]]  # title -> keys of rows or columns, in their order
 
 
 class Notes(NamedTuple):

@@ -43,8 +43,7 @@ ESTIMATOR = f"{__name__}:estimator"
 
 RANKING_FOLDER = "ranking"  # of a cell, beside its run and its results
 
-FITS = FQEConfig(hidden=(64, 64), n_fits=3)
-"""Three fits, of which the least is trusted, and networks that keep them as cheap as one."""
+FITS = FQEConfig(hidden=(64, 64), n_fits=3)  # as cheap as one; the least is trusted
 
 
 def tune(

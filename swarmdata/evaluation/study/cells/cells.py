@@ -38,8 +38,7 @@ ONLINE_FAMILY = "online"
 FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run"}
 """Fields that affect no result, or that `digest` covers, as it does paths of files."""
 
-YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}
-"""Settings that algorithms got after studies had run, and the values that change nothing."""
+YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}  # younger than studies; change nothing
 
 AS_RECORDED = View()  # models of the dataset itself
 

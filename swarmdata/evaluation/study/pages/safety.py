@@ -29,8 +29,7 @@ MAX_ALGORITHMS_IN_MATRIX = 24  # algorithms of which all pairs fit into a figure
 COLLISIONS = Column("collisions", "collisions per episode", "", 2, bounds=AT_LEAST_ZERO)
 """New contacts of a robot with others and with obstacles, counted from events."""
 
-Pairs = Mapping[str, tuple[Estimate, Estimate]]
-"""Label -> horizontal and vertical estimate, in shown units."""
+Pairs = Mapping[str, tuple[Estimate, Estimate]]  # label -> (horizontal, vertical), as shown
 
 
 class Fronts(NamedTuple):

@@ -14,8 +14,7 @@ from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_gri
 
 PANEL_HEIGHT = 1.45  # inches
 
-MAX_ON_LINEAR_AXIS = 50.0
-"""Values beyond this one get a logarithmic axis, so that small ones beside them stay visible."""
+MAX_ON_LINEAR_AXIS = 50.0  # larger values get a logarithmic axis, so that small ones stay visible
 
 CURVES_CAPTION = (
     "Means over seeds, in bands from the lowest to the highest seed. Success at the end (%), and "

@@ -170,8 +170,7 @@ def _plot_tasks(found: Findings, rows: Sequence[Shifted], path: Path) -> None:
 
 _LOG = logging.getLogger("swarmdata")
 
-TRANSFER_FOLDER, TASKS_FOLDER = "transfer", "tasks"
-"""Hold results in the study's folder of cells: LABEL/DATA/VIEW, and LABEL/DATA/TASK."""
+TRANSFER_FOLDER, TASKS_FOLDER = "transfer", "tasks"  # of results, in the folder of cells
 
 
 @dataclass(frozen=True)

@@ -98,8 +98,7 @@ def run_sweeps(
         shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)
 
 
-SWEEPS_FOLDER = "sweeps"
-"""Holds results in the study's folder of cells, and tables and figures beside its page."""
+SWEEPS_FOLDER = "sweeps"  # of results in the folder of cells, and of tables beside the page
 
 FIGURE = "robustness.png"
 
