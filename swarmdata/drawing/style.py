@@ -15,11 +15,7 @@ from swarmdata.runtime.extras import require_extra
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
 """From Okabe and Ito, "Color Universal Design", 2008; robots are drawn in the same colors."""
 
-INK, GRAY, FAINT = (
-    "#2D333C",
-    "#7A818B",
-    "#E3E5E8",
-)  # of text, background and grid
+INK, GRAY, FAINT = "#2D333C", "#7A818B", "#E3E5E8"  # of text, background and grid
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "p", "h", "d")  # of points of a color
 
