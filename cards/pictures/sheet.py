@@ -59,9 +59,8 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     spec = dataset.recipe.spec
     height = HEIGHT if spec.world is not None else RECORDED_HEIGHT
     path.parent.mkdir(parents=True, exist_ok=True)
-    with figure(
-        path, width=WIDTH, height=height, purpose=PICTURE_PURPOSE, medium="screen"
-    ) as sheet:
+    size: Any = {"width": WIDTH, "height": height}
+    with figure(path, **size, purpose=PICTURE_PURPOSE, medium="screen") as sheet:
         sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
         if spec.world is not None:
             _draw_episodes(sheet, dataset, spec.world)
@@ -124,9 +123,8 @@ def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
         for column, (low, high) in enumerate(zip(*bounds(space), strict=True)):
             labels.append(f"{name} {column}")
             shares.append(_share(taken[:, column].astype(np.float64), low, high))
-    shown = np.unique(
-        np.linspace(0, len(labels) - 1, min(len(labels), MAX_ACTION_ROWS)).astype(int)
-    )
+    n = min(len(labels), MAX_ACTION_ROWS)
+    shown = np.unique(np.linspace(0, len(labels) - 1, n).astype(int))
     rows = [labels[k] for k in shown], [shares[k] for k in shown]
     draw_rows(axes, *rows, np.linspace(0, 1, N_ACTION_BINS + 1))
     finish(axes, "Actions", "from the lowest to the highest value; darker: more often")

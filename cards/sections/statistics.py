@@ -29,19 +29,9 @@ HISTOGRAM_BINS, HISTOGRAM_WIDTH = 12, 40  # rows, and characters of the longest 
 HISTOGRAM_TITLE = "Distribution of the team return, with the number of episodes in each bin:"
 
 _POLICY_HEAD = (
-    "id",
-    "policy",
-    "checkpoint",
-    "noise",
-    "episodes",
-    "steps",
-    "return",
-    "success",
-    "clean success",
-    "robot collisions",
-    "obstacle collisions",
-    "length",
-)
+    "id", "policy", "checkpoint", "noise", "episodes", "steps", "return", "success",
+    "clean success", "robot collisions", "obstacle collisions", "length",
+)  # fmt: skip
 
 
 def policies_section(data: CardData) -> str:

@@ -153,15 +153,9 @@ def dependence(actions: Double) -> Dependence | None:
         dither(actions[rows, i], ENTROPY_RESOLUTION, SAMPLING_SEED + 2 + i)
         for i in range(actions.shape[1])
     ]
-    return Dependence(
-        n_pairs=len(pairs),
-        information=float(
-            np.mean([mutual_information(blurred[i], blurred[j]) for i, j in pairs.tolist()])
-        ),
-        correlation=float(
-            np.mean([correlation(actions[rows, i], actions[rows, j]) for i, j in pairs.tolist()])
-        ),
-    )
+    shared = [mutual_information(blurred[i], blurred[j]) for i, j in pairs.tolist()]
+    linear = [correlation(actions[rows, i], actions[rows, j]) for i, j in pairs.tolist()]
+    return Dependence(len(pairs), float(np.mean(shared)), float(np.mean(linear)))
 
 
 def _entropies(
@@ -195,8 +189,7 @@ def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
         copies.append(rows.copy())
         reads.add(rows)
     reads.release()
-    states = np.concatenate(copies)
-    spec = task_of(stored.recipe, "coverage")
+    spec, states = task_of(stored.recipe, "coverage"), np.concatenate(copies)
     return occupancy(states, table.layouts[selection], spec), len(states)
 
 

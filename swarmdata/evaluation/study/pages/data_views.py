@@ -66,14 +66,9 @@ def view_rows(found: Findings) -> list[dict[str, object]]:
     """One row per dataset, view, row of the study and quantity, in stored units."""
     if found.views is None:
         return []
+    head = ("dataset", "view", "label", "quantity", "mean", "low", "high")
     return [
-        {
-            "dataset": dataset,
-            "view": view,
-            "label": label,
-            "quantity": board.column.key,
-            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
-        }
+        dict(zip(head, (dataset, view, label, board.column.key, *estimate), strict=True))
         for board in _boards(found.views, found.view_families)
         for dataset, views in _measured(found).items()
         for view, name in views.items()

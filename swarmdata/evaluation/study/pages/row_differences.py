@@ -47,18 +47,12 @@ class RowDifference(NamedTuple):
 
 def difference_rows(found: Findings) -> list[dict[str, object]]:
     """One row per list of pairs, pair, dataset and quantity: the difference, in stored units."""
+    head = ("list", "one", "other", "dataset", "quantity", "mean", "low", "high")
     return [
-        {
-            "list": name,
-            "one": each.one,
-            "other": each.other,
-            "dataset": each.dataset,
-            "quantity": key,
-            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
-        }
+        dict(zip(head, (name, one, other, dataset, key, *estimate), strict=True))
         for name, plan in found.study.differences.items()
-        for each in measured_differences(found, plan)
-        for key, estimate in each.estimates.items()
+        for one, other, dataset, estimates in measured_differences(found, plan)
+        for key, estimate in estimates.items()
     ]
 
 
