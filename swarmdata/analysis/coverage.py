@@ -14,7 +14,6 @@ from swarmdata.analysis.entropy import (
 )
 from swarmdata.analysis.passings import Passings, passings, total
 from swarmdata.analysis.visits import Occupancy, occupancy
-from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import MappedReads, take_rows
 from swarmdata.specs.origins import task_of
@@ -74,23 +73,16 @@ class Coverage:
     passings: dict[int, Passings]  # by index of the policy, in the sampled episodes of each
 
 
-def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
-    """Measures how much a dataset covers, or a selection of its stored episodes, [n].
-
-    Raises:
-        SchemaError: no episode is selected.
-    """
-    chosen = np.arange(len(stored.table)) if selection is None else np.asarray(selection)
-    if not len(chosen):
-        raise SchemaError("no episodes are selected, expected at least one to measure coverage of.")
+def coverage(stored: StoredDataset) -> Coverage:
+    """Measures how much a dataset of at least one episode covers."""
     spec, table = task_of(stored.recipe, "coverage"), stored.table
+    chosen = np.arange(len(table))
     steps, states = sample_steps(table, chosen, N_ROWS)
     moves = robots_of(take_rows(stored.arrays["states"], states), spec.n_agents)[
         ..., [X, Y, VX, VY]
     ]
     commands = take_rows(stored.arrays["actions"], steps)[..., :_N_DRIVING]
     places, n_states = places_of(stored, chosen)
-    policies = table.policy[chosen]
     joint = np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
     return Coverage(
         n_steps=len(steps),
@@ -102,8 +94,8 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
         distinct=len(np.unique(joint, axis=0)) / len(steps),
         dependence=dependence(commands.astype(np.float64)),
         passings={
-            policy: passings_of(stored, spread(chosen[policies == policy], N_ENCOUNTERS), spec)
-            for policy in np.unique(policies).tolist()
+            policy: passings_of(stored, spread(chosen[table.policy == policy], N_ENCOUNTERS), spec)
+            for policy in np.unique(table.policy).tolist()
         },
     )
 
