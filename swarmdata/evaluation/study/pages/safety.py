@@ -35,7 +35,7 @@ Fronts = Mapping[str, tuple[Sequence[str], Sequence[str]]]
 def pareto_optimal(
     success: Mapping[str, Estimate], other: Mapping[str, Estimate], *, more: bool
 ) -> list[str]:
-    """The labels that no other exceeds in success and a quantity, of which more or less is better."""
+    """Labels that no other exceeds in success and a quantity of which more, or less, is better."""
     labels = [label for label in other if label in success]
     costs = [-other[label].value if more else other[label].value for label in labels]
     found = pareto_front([success[label].value for label in labels], costs)
