@@ -67,11 +67,10 @@ def run_cells(
     total = sum(cell.n_updates for cell in waiting)
     n_done = sum(count_updates(cell, cell.folder(work)) for cell in waiting)
     failures = Failures(len(waiting))
-    jobs = [
-        Job(cell.name, {"cell": cell.model_dump(mode="json"),
-                        "folder": str(cell.folder(work).resolve())})  # for processes elsewhere
-        for cell in longest_first(waiting, work)
-    ]  # fmt: skip
+    jobs = []
+    for cell in longest_first(waiting, work):
+        folder = str(cell.folder(work).resolve())  # for processes elsewhere
+        jobs.append(Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": folder}))
     hidden = None if progress else True  # None: hidden unless there is a terminal
     with (
         tqdm(total=total, initial=n_done, unit="update", unit_scale=True, desc="cells",
