@@ -71,10 +71,9 @@ def run_cells(
     for cell in longest_first(waiting, work):
         folder = str(cell.folder(work).resolve())  # for processes elsewhere
         jobs.append(Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": folder}))
-    hidden = None if progress else True  # None: hidden unless there is a terminal
     with (
         tqdm(total=total, initial=n_done, unit="update", unit_scale=True, desc="cells",
-             disable=hidden) as bar,
+             disable=None if progress else True) as bar,  # None: unless there is a terminal
         open_engine(engine, WORKER, n_workers=min(workers, len(jobs)), folder=work, renews=True)
         as opened,
     ):  # fmt: skip
