@@ -4,7 +4,7 @@ import csv
 import itertools
 import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, Unpack
@@ -69,15 +69,13 @@ class Shifted(NamedTuple):
 
 def write_shifts(found: Sequence[Shifted], file: Path) -> None:
     """Writes a row for each quantity, in stored units; without rows there is no file."""
-    if found:
-        write_file(file, to_csv([row for each in found for row in _rows(each)]).encode())
-    else:
-        file.unlink(missing_ok=True)
-
-
-def _rows(each: Shifted) -> Iterable[dict[str, object]]:
-    for key, found in (each.estimates or {"": UNDEFINED_ESTIMATE}).items():
-        yield dict(zip(COLUMNS, (*each[:-1], key, *map(float, found)), strict=True))
+    rows = [
+        dict(zip(COLUMNS, (*each[:-1], key, *map(float, estimate)), strict=True))
+        for each in found
+        for key, estimate in (each.estimates or {"": UNDEFINED_ESTIMATE}).items()
+    ]
+    if rows:
+        write_file(file, to_csv(rows).encode())
 
 
 def read_shifts(file: Path) -> list[Shifted]:
