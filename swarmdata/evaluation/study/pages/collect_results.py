@@ -24,7 +24,7 @@ from swarmdata.evaluation.study.cells.cells import (
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
+from swarmdata.learn.training.run_files import read_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class Findings:
         """The color and marker of each offline row, in all figures of the study."""
         return family_looks(self.families)
 
-    def training_curve(self, cell: Cell, column: str, *, file: str = LOSSES) -> Curve | None:
+    def training_curve(self, cell: Cell, file: str, column: str) -> Curve | None:
         """A column of a cell's losses or learning curve; None if it was not recorded.
 
         Its progress is in gradient updates; that of an online cell in joint steps.
@@ -101,10 +101,6 @@ class Findings:
             np.array([row[progress] for row in rows_by_seed[0][:length]]),
             np.array([[row[column] for row in seed_rows[:length]] for seed_rows in rows_by_seed]),
         )
-
-    def learning_curve(self, cell: Cell, metric: str) -> Curve | None:
-        """A metric of a cell's learning curve."""
-        return self.training_curve(cell, metric, file=CURVE)
 
 
 def collect_findings(

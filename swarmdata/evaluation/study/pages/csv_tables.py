@@ -12,7 +12,7 @@ from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
-from swarmdata.learn.training.run_files import CURVE_METRICS
+from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.metrics import censored_times
 
@@ -145,7 +145,7 @@ def curve_rows(found: Findings) -> list[Row]:
     offline = [cell for cell in found.cells if cell.kind == "offline"]
     for cell in sorted(offline, key=lambda cell: cell.name):
         for metric in CURVE_METRICS:
-            curve = found.learning_curve(cell, metric)
+            curve = found.training_curve(cell, CURVE, metric)
             if curve is None:
                 continue
             means, lows, highs = (part(curve.values, axis=0) for part in (np.mean, np.min, np.max))

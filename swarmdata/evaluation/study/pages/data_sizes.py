@@ -19,12 +19,20 @@ PANEL_HEIGHT = 2.0  # inches
 
 def size_section(found: Findings, out: Path) -> dict[str, str]:
     """The section by its title, with a figure in a folder; empty if nothing of it was measured."""
-    if found.sizes is None or found.study.sizes is None:
+    results, plan = found.sizes, found.study.sizes
+    if results is None or plan is None:
         return {}
-    families = {label: found.family(label) for label in found.study.sizes.algorithms}
-    board = make_scoreboard(found.sizes, families, quantity_of(found.sizes).column.key)
-    sizes = {short_name(each): _sizes_of(each, found) for each in found.study.sizes.datasets}
-    parts = {dataset: facts for dataset, facts in sizes.items() if len(facts) > 1}
+    families = {label: found.family(label) for label in plan.algorithms}
+    board = make_scoreboard(results, families, quantity_of(results).column.key)
+    cells = [cell for cell in found.cells if is_data_efficiency_cell(found.study, cell)]
+    parts: dict[str, list[DatasetFacts]] = {}  # those with several sizes, the smallest first
+    for dataset in plan.datasets:
+        wanted = [dataset_of_size(dataset, size) for size in plan.sizes]
+        facts = [found.facts[c.name] for c in cells if (c.source, c.n_steps) in wanted]
+        measured = {each.id: each for each in facts if each.id in results.datasets}
+        if len(measured) > 1:
+            sizes = sorted(measured.values(), key=lambda each: each.figures.n_steps)
+            parts[short_name(dataset)] = sizes
     if not parts:
         return {}
     row = [_panel(board, dataset, facts, found.looks) for dataset, facts in parts.items()]
@@ -33,20 +41,6 @@ def size_section(found: Findings, out: Path) -> dict[str, str]:
     plot_lines([row], out / "sizes.png", height=PANEL_HEIGHT, xlabel=xlabel, shares_y="row")
     caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
     return {"Data efficiency": f"{_table(board, parts)}\n{caption}\n\n![by joint steps](sizes.png)"}
-
-
-def _sizes_of(dataset: str, found: Findings) -> list[DatasetFacts]:
-    """The facts of all sizes of a dataset that were measured, the smallest first."""
-    assert found.study.sizes is not None
-    assert found.sizes is not None
-    wanted = [dataset_of_size(dataset, size) for size in found.study.sizes.sizes]
-    facts = {
-        found.facts[cell.name].id: found.facts[cell.name]
-        for cell in found.cells
-        if is_data_efficiency_cell(found.study, cell) and (cell.source, cell.n_steps) in wanted
-    }
-    measured = [each for each in facts.values() if each.id in found.sizes.datasets]
-    return sorted(measured, key=lambda each: each.figures.n_steps)
 
 
 def _panel(

@@ -1,6 +1,6 @@
 """The sections on training: learning curves, and logged quantities such as Q-values."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 from swarmdata.drawing import markdown
@@ -11,6 +11,7 @@ from swarmdata.evaluation.results.learning_curves import Curve, curve_line, last
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
+from swarmdata.learn.training.run_files import CURVE, LOSSES
 
 PANEL_HEIGHT = 1.45  # inches
 
@@ -26,7 +27,7 @@ Panels = dict[str, dict[str, Curve]]
 
 def curve_section(found: Findings, out: Path) -> dict[str, str]:
     """Team success during training, and its gain over the last fifth."""
-    panels = _panels((cell, found.learning_curve(cell, "success")) for cell in _offline_grid(found))
+    panels = _panels(found, _offline_grid(found), CURVE, "success")
     if not panels:
         return {}
     drawn: Panels = {}
@@ -47,7 +48,7 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
 def online_curve_section(found: Findings, out: Path) -> dict[str, str]:
     """Team success on validation episodes during online training, and its gain at the end."""
     cells = [cell for cell in found.cells if cell.kind == "online"]
-    panels = _panels((cell, found.learning_curve(cell, "success")) for cell in cells)
+    panels = _panels(found, cells, CURVE, "success")
     if not panels:
         return {}
     drawn = {  # by row without its task, so that a color means the same on all tasks
@@ -112,12 +113,8 @@ def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
     parts = []
     for name, wanted in found.study.losses.items():
         data = [short_name(dataset) for dataset in wanted.datasets]
-        panels = _panels(
-            (cell, found.training_curve(cell, wanted.column))
-            for cell in _offline_grid(found)
-            if cell.data in data and cell.label in wanted.algorithms
-        )
-        if panels:
+        cells = [c for c in _offline_grid(found) if c.data in data and c.label in wanted.algorithms]
+        if panels := _panels(found, cells, LOSSES, wanted.column):
             file = f"losses-{name}.png"
             curves = [curve for each in panels.values() for curve in each.values()]
             is_log = any(abs(curve.values).max() > MAX_ON_LINEAR_AXIS for curve in curves)
@@ -128,11 +125,11 @@ def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
     return parts
 
 
-def _panels(curves: Iterable[tuple[Cell, Curve | None]]) -> Panels:
+def _panels(found: Findings, cells: Sequence[Cell], file: str, column: str) -> Panels:
     """The curves of cells by their data, without those that were not measured."""
     panels: Panels = {}
-    for cell, curve in curves:
-        if curve is not None:
+    for cell in cells:
+        if (curve := found.training_curve(cell, file, column)) is not None:
             panels.setdefault(cell.data, {})[cell.label] = curve
     return panels
 
