@@ -63,14 +63,9 @@ def verdict_of(difference: Estimate) -> Verdict:
     return "lower" if difference.high < 0.0 else "no clear change"
 
 
-def columns_of(found: Findings) -> tuple[Column, ...]:
-    """What differences are taken of."""
-    return tuple(each.column for each in found.quantities)
-
-
 def measured_differences(found: Findings, plan: DifferencesPlan) -> list[RowDifference]:
     """The differences of all pairs whose cells are done, by pair, then by dataset."""
-    boards, ids = [found.board(column.key) for column in columns_of(found)], found.dataset_ids
+    boards, ids = [found.board(each.column.key) for each in found.quantities], found.dataset_ids
     differences = []
     for (one, other), dataset, missing in _wanted(found, plan):
         if not missing:
@@ -105,46 +100,45 @@ def format_difference(difference: Estimate, column: Column) -> str:
 
 UNCLEAR = "no clear change"
 
+PAIRED = (
+    "The first row minus the second, paired by episode. A difference is higher or lower if its "
+    "whole interval is.\n"
+)
 ORDERS = (
     "Families by score, the best first. `>`: clearly better than the next, paired by episode; `≥`: "
-    "not clearly.\n\n"
+    "not clearly.\n"
 )
 
 
 def differences_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
-    """Title and body of each list of pairs, with a figure in a folder."""
-    sections = []
-    for name, plan in found.study.differences.items():
-        body = (
-            "The first row minus the second, paired by episode. A difference is higher or lower if "
-            "its whole interval is.\n\n"
-        )
-        if differences := measured_differences(found, plan):
-            plot_row_differences(differences, columns_of(found), out / f"differences-{name}.png")
-            body += f"![the first row minus the second](differences-{name}.png)\n\n"
-        sections.append((plan.title, body + _tables(found, plan)))
-    return sections
+    """Title and body of each list of pairs, with a figure in a folder.
 
-
-def _tables(found: Findings, plan: DifferencesPlan) -> str:
-    """A row for each pair and dataset; of doublings what they change; what is not measured."""
-    columns = columns_of(found)
-    rows = [
-        (f"`{one}` − `{other}`", dataset, *(_with_verdict(known[k.key], k) for k in columns))
-        for one, other, dataset, known in measured_differences(found, plan)
-    ]
+    A table has a row for each pair and dataset. Then comes what doublings change, and what is not
+    measured.
+    """
+    sections, columns = [], [each.column for each in found.quantities]
     head = ("difference", "dataset", *(each.header for each in columns))
-    parts = [markdown.table(head, rows)] if rows else []
-    if plan.doubling and rows:
-        parts += [f"{ORDERS}{order_table(found, plan)}", budget_table(found, plan)]
-    missing = [
-        f"- `{one}` − `{other}` on {dataset} (no results of {' and '.join(labels)})\n"
-        for (one, other), dataset, labels in _wanted(found, plan)
-        if labels
-    ]
-    if missing:
-        parts.append("Not compared yet:\n\n" + "".join(missing))
-    return "\n".join(parts)
+    for name, plan in found.study.differences.items():
+        measured, parts = measured_differences(found, plan), [PAIRED]
+        if measured:
+            plot_row_differences(measured, columns, out / f"differences-{name}.png")
+            rows = [
+                (f"`{one}` − `{other}`", dataset, *(_with_verdict(of[k.key], k) for k in columns))
+                for one, other, dataset, of in measured
+            ]
+            picture = f"![the first row minus the second](differences-{name}.png)\n"
+            parts += [picture, markdown.table(head, rows)]
+        if plan.doubling and measured:
+            orders = order_table(found, plan)
+            parts += [ORDERS, orders, budget_table(found, plan.pairs, measured)]
+        missing = [
+            f"- `{one}` − `{other}` on {dataset} (no results of {' and '.join(labels)})\n"
+            for (one, other), dataset, labels in _wanted(found, plan)
+            if labels
+        ]
+        parts += ["Not compared yet:\n", "".join(missing)] if missing else []
+        sections.append((plan.title, "\n".join(parts)))
+    return sections
 
 
 CLONE = "bc"  # the algorithm that copies the data
@@ -244,23 +238,22 @@ def _plot_changes(
 Budgets = dict[int, list[RowDifference]]  # updates that are doubled -> the changes on all datasets
 
 
-def budget_table(found: Findings, plan: DifferencesPlan) -> str:
+def budget_table(
+    found: Findings, pairs: Sequence[tuple[str, str]], measured: Sequence[RowDifference]
+) -> str:
     """For each family, the shortest budget after which doubling changes no score clearly.
 
     All longer doublings that were tried have to pass too, on every dataset of the rows. Beside it
     are the clear changes of the longest doubling that does not pass.
     """
-    measured = measured_differences(found, plan)
+    study, rows = found.study, []
     families: dict[str, list[tuple[str, str]]] = {}
-    for one, other in plan.pairs:
-        families.setdefault(found.study.algorithms[one].family, []).append((one, other))
-    rows = []
-    for family, pairs in families.items():
-        budgets = _budgets(found.study, pairs, measured)
+    for one, other in pairs:
+        families.setdefault(study.algorithms[one].family, []).append((one, other))
+    for family, own in families.items():
+        budgets = _budgets(study, own, measured)
         unknown = UNDEFINED, "not measured on all datasets"
-        rows.append(
-            (family, *(unknown if budgets is None else _enough(budgets, found.main.column)))
-        )
+        rows.append((family, *(_enough(budgets, found.main.column) if budgets else unknown)))
     return markdown.table(("family", "enough updates", "clear changes of the next doubling"), rows)
 
 
