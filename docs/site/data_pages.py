@@ -1,7 +1,6 @@
 """Pages of published data: the index of cards and of studies, the formats, and the layouts."""
 
 from importlib import import_module
-from pathlib import Path
 
 from docs.site.docstrings import markdown_of
 from docs.site.staged_pages import ROOT
@@ -22,6 +21,33 @@ from swarmdata.store.arrays.layout import ALL_FIELDS, ROW_MEANINGS
 SENSORS = ("state", "lidar", "bearing", "occupancy-5")  # whose columns are shown, in `coop_nav`
 
 RADIOS = ("none", "pose", "goal", "errand", "state", "learned-4")  # whose columns are shown
+
+YOUR_DATA = ROOT / "docs/your-data.md"
+
+FACT_TITLES = {
+    "observations": "observations, with the last one",
+    "states": "global states, with the last one",
+    "sent": "messages sent",
+    "delivered": "messages delivered",
+    "ages": "age of the newest message",
+    "alive": "which agents still act",
+    "action_masks": "action masks",
+    "actions": "actions",
+    "log_probs": "log-probabilities of actions",
+    "rewards": "rewards of each agent",
+    "terminations": "terminations",
+    "truncations": "truncations",
+    "events": "contacts and collisions",
+    "reward_terms": "unweighted terms of the rewards",
+    "agent_terminations": "terminations of each agent",
+    "agent_truncations": "truncations of each agent",
+    "layout": "obstacles",
+    "seed": "seed",
+    "policy": "behavior policy",
+    "end_reason": "end reason",
+    "split": "split",
+    "spec": "task, or spaces of a recording",
+}
 
 
 def data_pages() -> dict[str, str]:
@@ -165,45 +191,15 @@ def _kind(name: str) -> str:
     return name.partition("-")[0]
 
 
-PAGE = Path(__file__).parents[1] / "your-data.md"
-
-FACT_TITLES = {
-    "observations": "observations, with the last one",
-    "states": "global states, with the last one",
-    "sent": "messages sent",
-    "delivered": "messages delivered",
-    "ages": "age of the newest message",
-    "alive": "which agents still act",
-    "action_masks": "action masks",
-    "actions": "actions",
-    "log_probs": "log-probabilities of actions",
-    "rewards": "rewards of each agent",
-    "terminations": "terminations",
-    "truncations": "truncations",
-    "events": "contacts and collisions",
-    "reward_terms": "unweighted terms of the rewards",
-    "agent_terminations": "terminations of each agent",
-    "agent_truncations": "truncations of each agent",
-    "layout": "obstacles",
-    "seed": "seed",
-    "policy": "behavior policy",
-    "end_reason": "end reason",
-    "split": "split",
-    "spec": "task, or spaces of a recording",
-}
-
-HEAD = ("name", "format", "direction", "an export loses")
-
-
-def page() -> str:
-    """The page, with its table written anew; the words around it are an author's."""
-    text = PAGE.read_text(encoding="utf-8")
-    rows = []
+def your_data_page() -> str:
+    """`docs/your-data.md` with its table of formats written anew: what an export loses."""
+    text = YOUR_DATA.read_text(encoding="utf-8")
+    head, rows = ("name", "format", "direction", "an export loses"), []
     for each in all_formats():
         lost = ", ".join(f"`{fact}`" for fact in DATASET_FACTS if fact in each.lost)
         direction = "write" if each.read is None else "both ways"
         rows.append([f"`{each.name}`", each.title, direction, lost or "nothing"])
-    before, head, after = text.partition(f"| {' | '.join(HEAD)} |\n")
-    if not head:
-        raise ValueError(f"{PAGE} has no table of {HEAD}")
-    return before + table(HEAD, rows) + after[after.index("\n\n") + 1 :]
+    before, old, after = text.partition(f"| {' | '.join(head)} |\n")
+    if not old:
+        raise ValueError(f"{YOUR_DATA} has no table of {head}")
+    return before + table(head, rows) + after[after.index("\n\n") + 1 :]
