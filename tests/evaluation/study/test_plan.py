@@ -42,10 +42,10 @@ def test_every_row_without_its_ingredient_stands_in_a_pair(file: Path) -> None:
 
 def test_doubling_is_twice_the_updates(make_study: Make) -> None:
     rows = {k: {"algorithm": "bc", "family": "f", "updates": n} for k, n in (("a", 7), ("b", 14))}
-    plan = {"title": "x", "pairs": [["b", "a"]], "doubling": True}
-    assert make_study(algorithms=rows, differences={"x": plan}).differences["x"].doubling
+    study = make_study(algorithms=rows, **compared(["b", "a"], doubling=True))
+    assert study.differences["x"].doubling
     with pytest.raises(SpecError, match="'a' is not 'b' with twice the updates"):
-        make_study(algorithms=rows, differences={"x": {**plan, "pairs": [["a", "b"]]}})
+        make_study(algorithms=rows, **compared(["a", "b"], doubling=True))
 
 
 @given(
@@ -66,6 +66,11 @@ def test_a_study_survives_its_own_yaml(
 
 
 SEEN = {"datasets": [], "algorithms": ["bc"], "views": {"recorded": {}}}
+MIXED = {"mixtures": {"m": {"a": 3, "b": 1}}, "datasets": ["m"]}
+
+
+def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
+    return {"differences": {"x": {"title": "x", "pairs": [*pairs], **plan}}}
 
 
 @pytest.mark.parametrize(
@@ -90,21 +95,10 @@ SEEN = {"datasets": [], "algorithms": ["bc"], "views": {"recorded": {}}}
         ({"mixtures": {"m": {"a": 3, "b": 1}}}, "mixtures has 'm', which the study lacks"),
         ({"mixtures": {"m": {"a": 3}}, "datasets": ["m"]}, "mixtures.m"),
         ({"mixtures": {"m": {"a": 3, "b": 0}}, "datasets": ["m"]}, "mixtures.m.b"),
+        ({**MIXED, "sizes": {"datasets": ["m"], "algorithms": ["bc"]}}, "has the mixture m"),
         (
-            {
-                "mixtures": {"m": {"a": 3, "b": 1}},
-                "datasets": ["m"],
-                "sizes": {"datasets": ["m"], "algorithms": ["bc"]},
-            },
-            "sizes.datasets has the mixture m",
-        ),
-        (
-            {
-                "mixtures": {"m": {"a": 3, "b": 1}},
-                "datasets": ["m"],
-                "algorithms": {"bc": {"rewards": "safe"}},
-            },
-            "bc has rewards and learns from the mixture m",
+            {**MIXED, "algorithms": {"bc": {"rewards": "safe"}}},
+            "bc has rewards and learns from",
         ),
         (
             {"losses": {"q": {"column": "q", "label": "q", "datasets": [], "algorithms": ["x"]}}},
@@ -114,16 +108,10 @@ SEEN = {"datasets": [], "algorithms": ["bc"], "views": {"recorded": {}}}
             {"sweeps": {"s": {"dataset": "x", "vary": "communication", "axis": "drop=0..1"}}},
             "sweeps.s.datasets has 'x'",
         ),
-        ({"differences": {"x": {"title": "x", "pairs": [["bc", "y"]]}}}, "differences.x has 'y'"),
-        (
-            {"differences": {"x": {"title": "x", "pairs": [["bc", "bc"]]}}},
-            "compares 'bc' with itself",
-        ),
-        ({"differences": {"x": {"title": "x", "pairs": []}}}, "differences.x.pairs"),
-        (
-            {"differences": {"x": {"title": "x", "pairs": [["other", "bc"]], "doubling": True}}},
-            "'other' is not 'bc' with twice the updates",
-        ),
+        (compared(["bc", "y"]), "differences.x has 'y'"),
+        (compared(["bc", "bc"]), "compares 'bc' with itself"),
+        (compared(), "differences.x.pairs"),
+        (compared(["other", "bc"], doubling=True), "'other' is not 'bc' with twice the updates"),
         ({"algorithms": {"a/b": {"algorithm": "bc", "family": "f"}}}, "algorithms"),
         ({"algorithms": ["bc", "bc"]}, "algorithms are named twice: bc"),
         ({"algorithms": []}, "algorithms"),
