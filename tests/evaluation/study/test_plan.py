@@ -96,10 +96,7 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
         ({"mixtures": {"m": {"a": 3}}, "datasets": ["m"]}, "mixtures.m"),
         ({"mixtures": {"m": {"a": 3, "b": 0}}, "datasets": ["m"]}, "mixtures.m.b"),
         ({**MIXED, "sizes": {"datasets": ["m"], "algorithms": ["bc"]}}, "has the mixture m"),
-        (
-            {**MIXED, "algorithms": {"bc": {"rewards": "safe"}}},
-            "bc has rewards and learns from",
-        ),
+        ({**MIXED, "algorithms": {"bc": {"rewards": "safe"}}}, "bc has rewards and learns from"),
         (
             {"losses": {"q": {"column": "q", "label": "q", "datasets": [], "algorithms": ["x"]}}},
             "losses.q.algorithms has 'x', which the study lacks: bc, other",
