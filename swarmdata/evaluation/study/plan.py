@@ -69,7 +69,7 @@ class SizesPlan(Frozen):
 
     datasets: Names  # of the study
     algorithms: Names  # labels
-    sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")  # parts
+    sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")  # of data
 
 
 class View(Frozen):
