@@ -69,7 +69,8 @@ class SizesPlan(Frozen):
 
     datasets: Names  # of the study
     algorithms: Names  # labels
-    sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")  # of data
+    sizes: Annotated[tuple[Size, ...], Field(min_length=2)] = ("full", 200_000, "mini")
+    """Parts of the data."""
 
 
 class View(Frozen):
@@ -192,7 +193,8 @@ class Study(Frozen):
     tasks: TasksPlan | None = None  # other tasks; None: none
     sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)  # robustness, by name
     losses: dict[Label, LossesPlan] = Field(default_factory=dict)  # by the figure's name
-    differences: dict[Label, DifferencesPlan] = Field(default_factory=dict)  # pairs, by name
+    differences: dict[Label, DifferencesPlan] = Field(default_factory=dict)
+    """Pairs of rows, by name."""
     device: str = "cpu"  # torch device
 
     @model_validator(mode="after")
