@@ -36,13 +36,8 @@ def summarize(
 ) -> TaskReferences:
     """Returns the reference table of one spec.
 
-    A reference of several checkpoints is their mean per episode, so the interval is over episodes
-    for these checkpoints.
-
-    Args:
-        results: by reference policy, one result per checkpoint; all on the same spec and seeds.
-        backend: simulator of the spec.
-        naive_teams: of the task (`TaskRules.naive_teams`), which have a gap too.
+    A reference of several checkpoints is their mean per episode. `results` are by policy, one per
+    checkpoint, all on the same spec and seeds; `naive_teams` of the task have a gap too.
 
     Raises:
         SchemaError: no results, or results that cannot be compared.
@@ -86,8 +81,7 @@ def made_with(backend: str = "pymunk") -> dict[str, str]:
 def interval(values: Double) -> Interval | None:
     """Mean with its 95 % bootstrap interval over episodes, None if no episode defines the metric.
 
-    Args:
-        values: of each checkpoint and episode, [checkpoints, n_episodes]; NaN is undefined.
+    Values are [checkpoints, n_episodes]; NaN is undefined.
     """
     defined = ~np.isnan(values)
     counts = defined.sum(axis=0)
@@ -100,10 +94,7 @@ def interval(values: Double) -> Interval | None:
 
 
 def gap_section(known: TaskReferences, naive_teams: Collection[str]) -> str:
-    """The coordination gaps of a task as Markdown; empty where they were not measured.
-
-    `naive_teams` are those of its rules, `TaskRules.naive_teams`.
-    """
+    """The coordination gaps of a task as Markdown; empty where they were not measured."""
     if not known.gaps:
         return ""
     columns = {"success": ("success", 100.0), "clean success": ("clean_success", 100.0)}

@@ -46,9 +46,7 @@ PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leav
 def draw_card(dataset: Dataset, path: Path) -> None:
     """Draws a dataset on one sheet, a `.png` file, whose folder is made if absent.
 
-    Above: returns and lengths of episodes, places and commands of robots; below: four episodes.
-    Of a recording of another environment: returns, lengths and actions.
-    A gigabyte takes as long as a mini: everything over time comes from samples.
+    Everything over time comes from samples, so a gigabyte takes as long as a mini.
 
     Raises:
         SchemaError: another kind of file, or a dataset without episodes.
@@ -113,10 +111,7 @@ def _write_head(head: Any, dataset: Dataset, who: str, *more: str) -> None:
 
 
 def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
-    """How often each value of each column of the actions [n, N, A] was taken, a row for each.
-
-    `acting` marks who took one, [n, N].
-    """
+    """How often each value of each column of the actions [n, N, A] was taken, by who acted [n, N]."""
     labels, shares = [], []
     for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
         taken = actions[acting[:, index], index]

@@ -125,16 +125,9 @@ def spread(items: Int, n: int) -> Int:
 
 
 def dependence(actions: Double) -> Dependence | None:
-    """Measures how much robots' commands reveal about each other, also through common causes.
+    """Measures how much robots' commands, [n, N, A], reveal about each other.
 
-    `dither` gives repeated values a density, with independent noise for each robot. Of many pairs
-    and rows, a fixed subset is used.
-
-    Args:
-        actions: joint commands, [n, N, A].
-
-    Returns:
-        None for a single robot, or fewer than `MIN_STEPS` joint commands.
+    None for a single robot, or fewer than `MIN_STEPS` joint commands.
     """
     rows = spread(np.arange(len(actions)), N_PAIR_ROWS)
     pairs = np.array(list(combinations(range(actions.shape[1]), 2)), dtype=np.int64)
@@ -166,11 +159,7 @@ def _entropies(
 
 
 def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
-    """Counts robots' visits in whole episodes that are evenly spread over the selection.
-
-    Returns:
-        The visits, and the number of states in which they were counted, about `N_VISITS` at most.
-    """
+    """Counts robots' visits in about `N_VISITS` states of whole episodes, and the states."""
     table = stored.table
     n_states = int(table.lengths[selection].sum()) + len(selection)
     taken = spread(selection, max(1, (N_VISITS * len(selection)) // n_states))

@@ -14,10 +14,9 @@ MIN_LABEL_GAP = 8.5 / 72  # inches between the middles of two labels
 
 
 def label_ends(axes: Any, lines: Sequence[Any], height: float) -> None:
-    """Writes each line's label beside the panel at the height of its end, without overlaps.
+    """Writes each line's label beside a panel, `height` inches high and with final limits.
 
-    A line that ends before the panel does is joined to its label. The panel is about `height`
-    inches high, and its limits are final.
+    Labels do not overlap; a line that ends before the panel does is joined to its own.
     """
     transform = axes.transData
     inverse = axes.transAxes.inverted()
