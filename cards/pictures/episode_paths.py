@@ -68,7 +68,7 @@ def draw_episode_paths(axes: Any, episode: Episode | None, recipe: Origin) -> No
 
 
 def _paths(episode: Episode, spec: TaskSpec) -> list[tuple[Double, tuple[float, ...]]]:
-    """Paths [T+1, 2] of robots and payloads with their colors; NaN below a robot at its last place."""
+    """Paths [T+1, 2] of robots and payloads with colors; NaN below a robot at its last place."""
     n = spec.n_agents
     places = robots_of(episode.states, n)[..., [X, Y]].astype(np.float64)
     colors = [robot_color(k) for k in range(n)]

@@ -111,7 +111,7 @@ def _write_head(head: Any, dataset: Dataset, who: str, *more: str) -> None:
 
 
 def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
-    """How often each value of each column of the actions [n, N, A] was taken, by who acted [n, N]."""
+    """How often each value of each column of actions [n, N, A] was taken by who acted, [n, N]."""
     labels, shares = [], []
     for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
         taken = actions[acting[:, index], index]
