@@ -35,8 +35,7 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     estimate_rows,
     run_rows,
 )
-from swarmdata.evaluation.study.pages.data_sizes import size_section
-from swarmdata.evaluation.study.pages.data_views import information_section, view_rows
+from swarmdata.evaluation.study.pages.data_views import information_section, size_section, view_rows
 from swarmdata.evaluation.study.pages.row_differences import (
     difference_rows,
     differences_sections,
