@@ -64,24 +64,31 @@ def committed_studies() -> tuple[CommittedStudy, ...]:
 
 
 def read_studies(place: Traversable) -> tuple[CommittedStudy, ...]:
-    """Reads all studies of a folder, by name; folders without plan and estimates are none.
+    """Reads all studies of a folder, by name; folders without a plan are none.
 
     Raises:
         StudyError: one of them cannot be read.
     """
-    studies, names = [], (PLAN_FILE, ESTIMATES_FILE)
-    for folder in sorted(place.iterdir(), key=lambda each: each.name):
-        missing = [name for name in names if not folder.joinpath(name).is_file()]
-        if len(missing) == len(names):
-            continue
-        if missing:
-            raise StudyError(
-                f"the study {folder} has no {missing[0]}. `swarmdata study` writes it."
-            )
-        file = folder.joinpath(ESTIMATES_FILE)
-        estimates = read_estimates(file.read_text(encoding="utf-8"), str(file))
-        studies.append(CommittedStudy(folder, estimates))
-    return tuple(studies)
+    folders = sorted((each for each in place.iterdir() if each.is_dir()), key=lambda it: it.name)
+    marks = (PLAN_FILE, ESTIMATES_FILE)
+    return tuple(
+        read_study(folder)
+        for folder in folders
+        if any(folder.joinpath(name).is_file() for name in marks)
+    )
+
+
+def read_study(folder: Traversable) -> CommittedStudy:
+    """Reads the study of a folder.
+
+    Raises:
+        StudyError: it cannot be read.
+    """
+    for name in (PLAN_FILE, ESTIMATES_FILE):
+        if not folder.joinpath(name).is_file():
+            raise StudyError(f"the study {folder} has no {name}. `swarmdata study` writes it.")
+    file = folder.joinpath(ESTIMATES_FILE)
+    return CommittedStudy(folder, read_estimates(file.read_text(encoding="utf-8"), str(file)))
 
 
 def read_estimates(text: str, source: str) -> tuple[Means, ...]:
