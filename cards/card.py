@@ -1,8 +1,4 @@
-"""Writes a dataset's card from its files; nothing on it is typed by hand.
-
-The card is Markdown with the front matter that the Hugging Face Hub reads, and a pure function of
-its `CardData`: manifest, origin, episode table, statistics of the arrays and measured references.
-"""
+"""Writes a dataset's card from its files: Markdown with the front matter that the Hub reads."""
 
 from pathlib import Path
 

@@ -12,14 +12,10 @@ from importlib.resources.abc import Traversable
 from swarmdata.errors import StudyError
 from swarmdata.runtime.documents import parse_document
 
-ESTIMATES_FILE = "estimates.csv"
-"""Of a study: one row per mean with its interval, as `swarmdata study` writes it."""
-
+ESTIMATES_FILE = "estimates.csv"  # of a study: one row per mean with its interval
 PLAN_FILE = "study.yaml"
-"""Of a study: its plan."""
 
-Means = Mapping[str, str]
-"""A row of the file."""
+Means = Mapping[str, str]  # a row of estimates
 
 TEXTS = ("label", "dataset", "rewards", "digest", "quantity", "updates")
 COUNTS = ("seeds", "episodes")

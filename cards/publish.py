@@ -42,8 +42,6 @@ def publish_card(folder: Path, out: Path, *, pictures: bool = True) -> list[Path
 def refresh_cards(folder: Path, studies: Sequence[CommittedStudy]) -> list[Path]:
     """Writes reference scores and baselines again in a folder's cards; returns those that changed.
 
-    The other sections come from the data, and stay as they are.
-
     Raises:
         SchemaError: there is no card, or one is of other data or lacks one of these sections.
         StudyError: the plan of a study cannot be read.

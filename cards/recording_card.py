@@ -35,10 +35,8 @@ FOREIGN_LIMITS = (
     "Nobody has verified that the episodes come from the policies named here.",
     "There is no normalized score, because no reference policies were measured.",
 )
-"""Known limits of every dataset of another environment."""
 
-MOST_BOUNDS = 8
-"""Bounds of a box that are listed one by one."""
+MOST_BOUNDS = 8  # bounds of a box that are listed one by one
 
 
 def render_recorded(stored: StoredDataset, picture: str | None = None) -> str:
@@ -105,10 +103,9 @@ def describe(space: Space) -> str:
 def _bound(bound: Bound, infinite: str) -> str:
     each = bound if isinstance(bound, tuple) else (bound,)
     texts = [infinite if value is None else f"{value:g}" for value in each]
-    if len(texts) == 1:
-        return texts[0]
-    shown = texts if len(texts) <= MOST_BOUNDS else [*texts[: MOST_BOUNDS - 1], "…"]
-    return f"({', '.join(shown)})"
+    if len(texts) > MOST_BOUNDS:
+        texts = [*texts[: MOST_BOUNDS - 1], "…"]
+    return texts[0] if len(texts) == 1 else f"({', '.join(texts)})"
 
 
 def _arrays(stored: StoredDataset) -> str:
@@ -128,12 +125,11 @@ def _policies(table: EpisodeTable, origin: Origin) -> str:
     rows = []
     for index, source in enumerate(origin.policies):
         own = table.take(np.flatnonzero(table.policy == index))
-        if not len(own):
-            continue
-        counts = f"{len(own):,}", f"{own.lengths.sum():,}"
-        returns = f"{own.team_return.mean():.3f} ± {own.team_return.std():.3f}"
-        length = f"{own.lengths.mean():.1f}"
-        rows.append((source.label, source.title, *counts, returns, _success(own), length))
+        if len(own):
+            counts = f"{len(own):,}", f"{own.lengths.sum():,}"
+            returns = f"{own.team_return.mean():.3f} ± {own.team_return.std():.3f}"
+            length = f"{own.lengths.mean():.1f}"
+            rows.append((source.label, source.title, *counts, returns, _success(own), length))
     head = ("id", "policy", "episodes", "steps", "return", "success", "length")
     return (
         "\n## Behavior policies\n\n"
@@ -165,17 +161,16 @@ def _statistics(table: EpisodeTable, origin: Origin, picture: str | None) -> str
 
 
 def _checked(table: EpisodeTable, spec: Spec) -> tuple[Sequence[str], Sequence[str]]:
-    """Claims that hold, and claims that do not, in words."""
-    is_unique = len(np.unique(table.seeds)) == len(table)
-    claims = [
-        (True, "Every return is finite.", ""),
-        (is_unique, "No reset seed occurs twice.", "Some reset seeds occur twice."),
-    ]
-    if spec.horizon is not None:
-        within = bool((table.lengths <= spec.horizon).all())
-        too_long = "Some episodes are longer than the horizon."
-        claims.append((within, "No episode is longer than the horizon.", too_long))
-    return [yes for holds, yes, _ in claims if holds], [no for holds, _, no in claims if not holds]
+    holds, broken = ["Every return is finite."], []
+    if len(np.unique(table.seeds)) == len(table):
+        holds.append("No reset seed occurs twice.")
+    else:
+        broken.append("Some reset seeds occur twice.")
+    if spec.horizon is not None and (table.lengths <= spec.horizon).all():
+        holds.append("No episode is longer than the horizon.")
+    elif spec.horizon is not None:
+        broken.append("Some episodes are longer than the horizon.")
+    return holds, broken
 
 
 def _own_limits(stored: StoredDataset) -> list[str]:

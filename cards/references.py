@@ -1,9 +1,4 @@
-"""The performance of reference policies: the table that cards and scores use, and its file.
-
-`references.json` beside a dataset's card has the numbers of the card at full precision, for
-programs. Like the card it is in no digest, because references may be measured again while the data
-stay the same.
-"""
+"""The performance of reference policies: the table of cards and scores, and `references.json`."""
 
 import json
 import platform
@@ -24,8 +19,7 @@ from swarmdata.types import Double, EvalResult
 
 BOOTSTRAP_SEED = 0
 
-SCORE_FORMULA = "100 * (R - no_skill) / (expert - no_skill)"
-"""The score of a mean team return R."""
+SCORE_FORMULA = "100 * (R - no_skill) / (expert - no_skill)"  # the score of a mean team return R
 
 LESS_COORDINATED = {
     "scripted-alone": "each robot acts as if the others were not there",
@@ -42,13 +36,8 @@ def summarize(
 ) -> TaskReferences:
     """Returns the reference table of one spec.
 
-    A reference of several checkpoints is their mean per episode, so the interval is over episodes
-    for these checkpoints.
-
-    Args:
-        results: by reference policy, one result per checkpoint; all on the same spec and seeds.
-        backend: simulator of the spec.
-        naive_teams: of the task (`TaskRules.naive_teams`), which have a gap too.
+    A reference of several checkpoints is their mean per episode. `results` are by policy, one per
+    checkpoint, all on the same spec and seeds; `naive_teams` of the task have a gap too.
 
     Raises:
         SchemaError: no results, or results that cannot be compared.
@@ -72,13 +61,12 @@ def summarize(
         gaps={
             name: {metric: _gap(results["scripted"], group, metric) for metric in GAP_METRICS}
             for name, group in results.items()
-            if (name in LESS_COORDINATED or name in naive_teams) and "scripted" in results
+            if name in {*LESS_COORDINATED, *naive_teams} and "scripted" in results
         },
     )
 
 
 def _gap(team: Sequence[EvalResult], less: Sequence[EvalResult], metric: str) -> Interval:
-    """By how much a team's metric is larger than that of a less coordinated one, by episode."""
     found = interval(team[0].metrics[metric][None] - less[0].metrics[metric][None])
     assert found is not None, metric  # metrics that every episode has
     return found
@@ -86,17 +74,14 @@ def _gap(team: Sequence[EvalResult], less: Sequence[EvalResult], metric: str) ->
 
 def made_with(backend: str = "pymunk") -> dict[str, str]:
     """Versions that a number measured in a simulator depends on."""
-    packages = ["swarmdata", "numpy", "numba", "pymunk"]
-    if backend == "mujoco":
-        packages.append("mujoco")
+    packages = ["swarmdata", "numpy", "numba", "pymunk", *["mujoco"] * (backend == "mujoco")]
     return {**{name: version(name) for name in packages}, "python": platform.python_version()}
 
 
 def interval(values: Double) -> Interval | None:
     """Mean with its 95 % bootstrap interval over episodes, None if no episode defines the metric.
 
-    Args:
-        values: of each checkpoint and episode, [checkpoints, n_episodes]; NaN is undefined.
+    Values are [checkpoints, n_episodes]; NaN is undefined.
     """
     defined = ~np.isnan(values)
     counts = defined.sum(axis=0)
@@ -109,10 +94,7 @@ def interval(values: Double) -> Interval | None:
 
 
 def gap_section(known: TaskReferences, naive_teams: Collection[str]) -> str:
-    """The coordination gaps of a task as Markdown; empty where they were not measured.
-
-    `naive_teams` are those of its rules, `TaskRules.naive_teams`.
-    """
+    """The coordination gaps of a task as Markdown; empty where they were not measured."""
     if not known.gaps:
         return ""
     columns = {"success": ("success", 100.0), "clean success": ("clean_success", 100.0)}
@@ -128,7 +110,6 @@ def gap_section(known: TaskReferences, naive_teams: Collection[str]) -> str:
 
 
 def _best_naive(known: TaskReferences, naive_teams: Collection[str]) -> str:
-    """A sentence on the naive team that solves most; empty where the task has none."""
     solved = {name: known.policies[name]["success"] for name in known.gaps if name in naive_teams}
     shares = {name: each for name, each in solved.items() if each is not None}
     if not shares:

@@ -1,8 +1,6 @@
-"""The files beside a dataset's own ones: the card, and the references for programs.
+"""The files beside a dataset's own ones, which are in no digest: the card and the references."""
 
-Neither is in a digest. They are compared with what this version of the package writes.
-"""
-
+import itertools
 from pathlib import Path
 
 from swarmdata.cards.card import side_files, write_card
@@ -62,10 +60,8 @@ def _problem(path: Path, expected: bytes) -> str:
         return f"cannot be read: {error.strerror or error}"
     if found == expected:
         return ""
-    ours, theirs = expected.splitlines(), found.splitlines()
-    pairs = zip(theirs, ours, strict=False)
-    same = next((k for k, (one, other) in enumerate(pairs) if one != other), None)
-    line = (min(len(theirs), len(ours)) if same is None else same) + 1
+    pairs = [*itertools.zip_longest(found.splitlines(), expected.splitlines())]
+    line = next((k for k, (one, other) in enumerate(pairs, 1) if one != other), len(pairs) + 1)
     return (
         f"is not what the other files give: line {line} is the first that differs. It was changed, "
         "or written by another version of swarmdata"

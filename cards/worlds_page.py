@@ -94,7 +94,6 @@ def preset_figures(name: str, entry: TaskReferences | None) -> str:
 
 
 def _row(policy: str, entry: TaskReferences) -> list[str]:
-    """The figures of one policy; without a score where the preset has no expert."""
     means = {name: each.value if each else 0.0 for name, each in entry.policies[policy].items()}
     score = entry.score(means["return"])
     return [

@@ -16,22 +16,17 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Episode
 
-N_EPISODES_SHOWN = 4
-"""Panels."""
+N_EPISODES_SHOWN = 4  # panels
 
-ARENA_PIXELS = 380
-"""Longer side of a drawn arena."""
+ARENA_PIXELS = 380  # longer side of a drawn arena
 
 
 def choose_episodes(table: EpisodeTable, n: int = N_EPISODES_SHOWN) -> list[int | None]:
     """Chooses representative episodes: of different policies, spread over their returns.
 
-    The policies, evenly spread if there are more than places, share the places in turn; the
-    episodes of a policy with m places are those at the middle of m equal parts of its episodes,
-    sorted by return. So one place is the median.
-
-    Returns:
-        n indices into the table, None where there are fewer episodes.
+    The policies, evenly spread if there are more than places, share the n places in turn; those of
+    a policy with m places are the medians of m equal parts of its episodes, sorted by return.
+    Indices are None where there are fewer episodes.
     """
     policies = np.unique(table.policy)
     if len(policies) > n:
@@ -73,10 +68,7 @@ def draw_episode_paths(axes: Any, episode: Episode | None, recipe: Origin) -> No
 
 
 def _paths(episode: Episode, spec: TaskSpec) -> list[tuple[Double, tuple[float, ...]]]:
-    """Paths [T+1, 2] of robots and payloads with their colors; NaN below a robot at its last place.
-
-    The renderer's trails fade, which suits a clip; a still shows the whole path.
-    """
+    """Paths [T+1, 2] of robots and payloads with colors; NaN below a robot at its last place."""
     n = spec.n_agents
     places = robots_of(episode.states, n)[..., [X, Y]].astype(np.float64)
     colors = [robot_color(k) for k in range(n)]

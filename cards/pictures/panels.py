@@ -12,11 +12,9 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable
 from swarmdata.types import END_REASONS, Double, Float, Int
 
-SMALL_FONT_SIZE = 8
-"""Points of ticks and notes."""
+SMALL_FONT_SIZE = 8  # points of ticks and notes
 
-MAX_RIDGES = 8
-"""Policies that are shown as ridges; more become rows of a table of shades."""
+MAX_RIDGES = 8  # policies that are shown as ridges; more become rows of a table of shades
 
 N_RETURN_BINS = 36
 END_COLORS = dict(zip(END_REASONS, (COLORS[2], "#D52222", COLORS[1], COLORS[0]), strict=True))
@@ -88,13 +86,8 @@ def draw_rows(axes: Any, labels: Sequence[str], shares: Sequence[Double], edges:
     """Distributions as rows of a table: the darker, the larger the share in the row."""
     table = np.stack(shares) / np.stack(shares).max(axis=1, keepdims=True)
     n = len(labels)
-    axes.imshow(
-        table,
-        aspect="auto",
-        extent=(edges[0], edges[-1], n, 0),
-        cmap=_shades(from_floor=True),
-        interpolation="nearest",
-    )
+    look = {"cmap": _shades(from_floor=True), "interpolation": "nearest", "aspect": "auto"}
+    axes.imshow(table, extent=(edges[0], edges[-1], n, 0), **look)
     shown = np.arange(0, n, -(-n // 14))
     axes.set_yticks(shown + 0.5, [labels[k] for k in shown.tolist()], fontsize=SMALL_FONT_SIZE - 2)
 
@@ -159,10 +152,8 @@ def draw_actions(axes: Any, actions: Float, spec: TaskSpec) -> None:
     _draw_counts(axes, counts, (-1, 1, -1, 1))
     middles = (edges[:-1] + edges[1:]) / 2
     look = {"color": COLORS[0], "alpha": 0.8, "lw": 0, "step": "mid"}
-    for fill, sums in (
-        (axes.fill_between, counts.sum(axis=0)),
-        (axes.fill_betweenx, counts.sum(axis=1)),
-    ):
+    for axis, fill in enumerate((axes.fill_between, axes.fill_betweenx)):
+        sums = counts.sum(axis=axis)
         fill(middles, 1.04, 1.04 + 0.32 * sums / sums.max(), **look)
     axes.plot([-1, 1, 1, -1, -1], [-1, -1, 1, 1, -1], color=_SOLID, lw=0.9)
     axes.set(xticks=(-1, 0, 1), yticks=(-1, 0, 1), xlim=(-1.02, 1.37), ylim=(-1.02, 1.37))

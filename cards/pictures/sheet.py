@@ -24,28 +24,21 @@ from swarmdata.specs.spaces import bounds
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float
 
-WIDTH, HEIGHT = 10.0, 6.25
-"""Inches of the sheet; 1600 x 1000 pixels."""
+WIDTH, HEIGHT = 10.0, 6.25  # inches of the sheet; 1600 x 1000 pixels
 
-RECORDED_HEIGHT = 3.6
-"""Inches of the sheet of a recording of another environment."""
+RECORDED_HEIGHT = 3.6  # inches of the sheet of a recording of another environment
 
-MAX_PICTURE_BYTES = 120_000
-"""Of the file, so that a hundred cards weigh little."""
+MAX_PICTURE_BYTES = 120_000  # of the file, so that a hundred cards weigh little
 
-PALETTE_SIZES = (256, 192, 128, 96, 64, 48)
-"""Colors that the sheet is reduced to: the most with which the file has at most this size."""
+PALETTE_SIZES = (256, 192, 128, 96, 64, 48)  # colors; the most with which the file is small enough
 
-N_SAMPLED_STEPS = 20_000
-"""Joint steps whose actions are counted."""
+N_SAMPLED_STEPS = 20_000  # joint steps whose actions are counted
 
-MAX_ACTION_ROWS = 40
-"""Columns of actions that are shown; of more, evenly spread ones."""
+MAX_ACTION_ROWS = 40  # columns of actions that are shown; of more, evenly spread ones
 
 N_ACTION_BINS = 36
 
-PATH_KEY = "○ start   ·   robot: end   ·   its color: its path and target"
-"""Of the episodes below."""
+PATH_KEY = "○ start   ·   robot: end   ·   its color: its path and target"  # of the episodes below
 
 PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leaves it out)"
 
@@ -53,9 +46,7 @@ PICTURE_PURPOSE = "drawing a card's picture (`swarmdata card --no-pictures` leav
 def draw_card(dataset: Dataset, path: Path) -> None:
     """Draws a dataset on one sheet, a `.png` file, whose folder is made if absent.
 
-    Above: returns and lengths of episodes, places and commands of robots; below: four episodes.
-    Of a recording of another environment: returns, lengths and actions.
-    A gigabyte takes as long as a mini: everything over time comes from samples.
+    Everything over time comes from samples, so a gigabyte takes as long as a mini.
 
     Raises:
         SchemaError: another kind of file, or a dataset without episodes.
@@ -66,9 +57,8 @@ def draw_card(dataset: Dataset, path: Path) -> None:
     spec = dataset.recipe.spec
     height = HEIGHT if spec.world is not None else RECORDED_HEIGHT
     path.parent.mkdir(parents=True, exist_ok=True)
-    with figure(
-        path, width=WIDTH, height=height, purpose=PICTURE_PURPOSE, medium="screen"
-    ) as sheet:
+    size: Any = {"width": WIDTH, "height": height}
+    with figure(path, **size, purpose=PICTURE_PURPOSE, medium="screen") as sheet:
         sheet.get_layout_engine().set(w_pad=0.07, h_pad=0.05, wspace=0.02, hspace=0.02)
         if spec.world is not None:
             _draw_episodes(sheet, dataset, spec.world)
@@ -78,7 +68,6 @@ def draw_card(dataset: Dataset, path: Path) -> None:
 
 
 def _draw_episodes(sheet: Any, dataset: Dataset, spec: TaskSpec) -> None:
-    """Draws a dataset of a task."""
     table, recipe = dataset.episodes, dataset.recipe
     places, _ = places_of(dataset.stored, dataset.selection)
     steps, _ = sample_steps(dataset.stored.table, dataset.selection, N_SAMPLED_STEPS)
@@ -98,7 +87,6 @@ def _draw_episodes(sheet: Any, dataset: Dataset, spec: TaskSpec) -> None:
 
 
 def _draw_recorded(sheet: Any, dataset: Dataset, spec: Spec) -> None:
-    """Draws a recording of another environment."""
     table, stored = dataset.episodes, dataset.stored
     steps, states = sample_steps(stored.table, dataset.selection, N_SAMPLED_STEPS)
     acting = np.ones((len(steps), spec.n_agents), np.bool_)
@@ -123,19 +111,15 @@ def _write_head(head: Any, dataset: Dataset, who: str, *more: str) -> None:
 
 
 def draw_choices(axes: Any, actions: Float, acting: Bool, spec: Spec) -> None:
-    """How often each value of each column of the actions [n, N, A] was taken, a row for each.
-
-    `acting` marks who took one, [n, N].
-    """
+    """How often each value of each column of actions [n, N, A] was taken by who acted, [n, N]."""
     labels, shares = [], []
     for index, (name, space) in enumerate(zip(spec.agent_names, spec.action_spaces, strict=True)):
         taken = actions[acting[:, index], index]
         for column, (low, high) in enumerate(zip(*bounds(space), strict=True)):
             labels.append(f"{name} {column}")
             shares.append(_share(taken[:, column].astype(np.float64), low, high))
-    shown = np.unique(
-        np.linspace(0, len(labels) - 1, min(len(labels), MAX_ACTION_ROWS)).astype(int)
-    )
+    n = min(len(labels), MAX_ACTION_ROWS)
+    shown = np.unique(np.linspace(0, len(labels) - 1, n).astype(int))
     rows = [labels[k] for k in shown], [shares[k] for k in shown]
     draw_rows(axes, *rows, np.linspace(0, 1, N_ACTION_BINS + 1))
     finish(axes, "Actions", "from the lowest to the highest value; darker: more often")

@@ -20,13 +20,8 @@ def baselines_section(dataset_id: str, digest: str, studies: Sequence[CommittedS
     """Returns the section: one row per algorithm, or why there is none.
 
     The rows are those of one study, so that they compare: of one on evaluation seeds if there is
-    any, and there of the one with the most algorithms. Variants of an algorithm, and what learned
-    from other rewards than those of the data, are left to the study's page.
-
-    Args:
-        dataset_id: with its version.
-        digest: of the dataset's arrays; results on other content are left out.
-        studies: to look in.
+    any, and there of the one with the most algorithms. Results on data of another digest are left
+    out; variants, and what learned from other rewards, are left to the study's page.
 
     Raises:
         StudyError: the plan of a study that used the dataset cannot be read.
@@ -57,8 +52,7 @@ def _where(rows: Sequence[Means], column: str, value: str) -> list[Means]:
     return [row for row in rows if row[column] == value]
 
 
-Algorithms = dict[str, dict[str, Means]]
-"""Label -> quantity -> row."""
+Algorithms = dict[str, dict[str, Means]]  # label -> quantity -> row
 
 
 def _by_algorithm(rows: Sequence[Means]) -> Algorithms:

@@ -17,8 +17,7 @@ HUB_SIZES = (
 )
 """The Hub's size categories: joint steps below, name."""
 
-PROPERTIES = ("property", "value")
-"""Header of tables that list values by name."""
+PROPERTIES = ("property", "value")  # header of tables that list values by name
 
 
 def front_matter(manifest: Manifest, origin: Origin) -> str:

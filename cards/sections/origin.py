@@ -1,7 +1,4 @@
-"""The sections of a card that depend on where the dataset comes from.
-
-They ask the protocol `Origin` only, so that a new kind of origin needs nothing here.
-"""
+"""The sections of a card on where the dataset comes from, as the protocol `Origin` says."""
 
 from swarmdata.cards.sections.front_matter import PROPERTIES
 from swarmdata.cards.sections.wording import (
@@ -14,14 +11,11 @@ from swarmdata.registry.published import license_of
 from swarmdata.registry.recipes import FAMILY_SPECS, is_dataset
 from swarmdata.registry.tiers import STRICT_FAMILIES
 from swarmdata.specs.origins import Origin
-from swarmdata.specs.origins.edit_origin import Parent
 from swarmdata.store import SPLITS, EpisodeTable, Manifest
 
-EXPECTED_METADATA = ("description", "author", "license", "code")
-"""What every author should state, in the order of the card."""
+EXPECTED_METADATA = ("description", "author", "license", "code")  # that authors should state
 
-MOST_NUMBERS = 6
-"""Episode numbers that are listed in full."""
+MOST_NUMBERS = 6  # episode numbers that are listed in full
 
 
 def tier_section(origin: Origin) -> str:
@@ -78,7 +72,13 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
             f"copy was made with {versions}.\n"
         )
     if origin.parents:
-        rows = [_parent_row(parent) for parent in origin.parents]
+        rows = []
+        for parent in origin.parents:
+            numbers = list(map(str, parent.episodes))
+            if len(numbers) > MOST_NUMBERS:
+                numbers = [*numbers[:3], f"… {numbers[-1]}"]
+            names = f"`{parent.id}`", f"`{parent.digest}`"
+            rows.append((*names, f"{len(parent.episodes):,}", ", ".join(numbers)))
         head = ("parent", "digest of its arrays", "episodes taken", "their numbers there")
         return (
             "\n## Parents\n\n"
@@ -95,7 +95,6 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
 
 
 def _promise(origin: Origin) -> str:
-    """What a rebuild gives."""
     inexact = [source.label for source in origin.policies if source.name == "network"]
     world = origin.spec.world
     if world is not None and world.backend == "mujoco":
@@ -109,11 +108,3 @@ def _promise(origin: Origin) -> str:
         f"the same episodes of all policies but {', '.join(inexact)}, whose networks cannot be run "
         "exactly. Another machine usually makes the same digest, and does not have to."
     )
-
-
-def _parent_row(parent: Parent) -> tuple[str, ...]:
-    numbers = list(map(str, parent.episodes))
-    if len(numbers) > MOST_NUMBERS:
-        numbers = [*numbers[:3], f"… {numbers[-1]}"]
-    count = f"{len(parent.episodes):,}"
-    return (f"`{parent.id}`", f"`{parent.digest}`", count, ", ".join(numbers))

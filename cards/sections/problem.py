@@ -24,8 +24,7 @@ from swarmdata.store.arrays.attributes import (
 from swarmdata.store.arrays.column_meanings import state_columns
 from swarmdata.types import EVENT_COLUMNS
 
-SETTINGS = ("setting", "value")
-"""Header of the tables that list a spec."""
+SETTINGS = ("setting", "value")  # header of the tables that list a spec
 
 
 def task_section(task: Task) -> str:
@@ -52,15 +51,10 @@ def task_section(task: Task) -> str:
 
 
 def _settings(prefix: str, model: Frozen) -> list[tuple[str, str]]:
-    """One row for each value of a part of the spec; nested parts are named by their path.
-
-    Fields that the spec leaves out where they are absent have no row.
-    """
-    rows, written = [], model.model_dump()
-    for name, value in model:
-        if name not in written:
-            continue
-        path = f"{prefix}{name.replace('_', ' ')}"
+    """One row for each written value of a part of the spec; nested ones are named by their path."""
+    rows = []
+    for name in model.model_dump():
+        value, path = getattr(model, name), f"{prefix}{name.replace('_', ' ')}"
         is_nested = isinstance(value, Frozen)
         rows += _settings(f"{path}: ", value) if is_nested else [(path, plain(value))]
     return rows
@@ -99,11 +93,9 @@ ROW_OFFSETS = (
     "`starts[e] + e` to `starts[e] + e + lengths[e]`. The Zarr attributes of each array describe "
     "its rows and columns, with units, ranges and frames."
 )
-"""Where the rows of an episode are."""
 
 
-FieldRow = tuple[str, str, str, str]
-"""Columns, name, unit and meaning: a line of a table of features."""
+FieldRow = tuple[str, str, str, str]  # columns, name, unit and meaning
 
 
 def observation_rows(task: Task) -> list[FieldRow]:
@@ -163,11 +155,16 @@ def arrays_section(task: Task, manifest: Manifest) -> str:
         SchemaError: the arrays have other widths than the description.
         SpecError: a feature has no description.
     """
-    spec, rows = task.spec, observation_rows(task)
-    shapes = {name: entry.shape for name, entry in manifest.arrays.items()}
-    _expect("observation features", shapes["observations"][2], len(Observer(task, 1).features))
+    spec, rows, arrays = task.spec, observation_rows(task), manifest.arrays
     size = state_size(spec.n_agents, len(task.movables), len(task.extras))
-    _expect("state features", shapes["states"][1], size)
+    for what, got, expected in (
+        ("observation", arrays["observations"].shape[2], len(Observer(task, 1).features)),
+        ("state", arrays["states"].shape[1], size),
+    ):
+        if got != expected:
+            raise SchemaError(
+                f"{what} features: the arrays have {got}, the description has {expected}"
+            )
     head = ("column", "name", "unit", "meaning")
     return (
         arrays_table(manifest) + "Actions are commands in [-1, 1], in units of the robot's limit. "
@@ -195,24 +192,17 @@ def definitions_section(task: Task) -> str:
     return "\n### Definitions\n\n" + table(("name", "definition"), rows)
 
 
-def _expect(what: str, got: int, expected: int) -> None:
-    if got != expected:
-        raise SchemaError(f"{what}: the arrays have {got}, the description has {expected}")
-
-
 SINGLE_ROBOT_NOTE = (
     "Each robot has a target of its own, and team_share is 0. So its reward depends on the others "
     "only through contacts and proximity, and through the end of the episode, when success is "
     "rewarded."
 )
-"""What the reward says of cooperation where no term is shared."""
 
 STORED_NOTE = (
     "The values of the terms, without weights and signs, are stored as `reward_terms` [T, N, R] in "
     "this order: `dataset[0].reward_terms`. Rewards with other weights are a view: "
     "`dataset.with_rewards(robot_collision=2.0)`."
 )
-"""How to read the terms."""
 
 
 def reward_section(task: Task) -> str:

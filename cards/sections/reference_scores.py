@@ -9,15 +9,8 @@ from swarmdata.store.arrays.layout import REFERENCES
 
 REFERENCES_TITLE = "\n## Reference scores\n"
 
-REFERENCE_METRICS = (
-    "return",
-    "success",
-    "clean_success",
-    "time_to_goal",
-    "robot_collisions",
-    "obstacle_collisions",
-)
-"""Columns of the table."""
+REFERENCE_METRICS = ("return", "success", "clean_success", "time_to_goal", "robot_collisions",
+                     "obstacle_collisions")  # fmt: skip
 
 
 def references_section(

@@ -24,25 +24,14 @@ from swarmdata.store.arrays.layout import is_checkpoint_file
 from swarmdata.store.table import clean_successes
 from swarmdata.types import TASK_END_REASONS, Bool, Double
 
-HISTOGRAM_BINS, HISTOGRAM_WIDTH = 12, 40
-"""Rows of the histogram of returns, and characters of its longest bar."""
+HISTOGRAM_BINS, HISTOGRAM_WIDTH = 12, 40  # rows, and characters of the longest bar
 
 HISTOGRAM_TITLE = "Distribution of the team return, with the number of episodes in each bin:"
 
 _POLICY_HEAD = (
-    "id",
-    "policy",
-    "checkpoint",
-    "noise",
-    "episodes",
-    "steps",
-    "return",
-    "success",
-    "clean success",
-    "robot collisions",
-    "obstacle collisions",
-    "length",
-)
+    "id", "policy", "checkpoint", "noise", "episodes", "steps", "return", "success",
+    "clean success", "robot collisions", "obstacle collisions", "length",
+)  # fmt: skip
 
 
 def policies_section(data: CardData) -> str:
@@ -54,11 +43,10 @@ def policies_section(data: CardData) -> str:
     rows = []
     for index, source in enumerate(data.origin.policies):
         chosen = np.flatnonzero(data.table.policy == index)
-        if not len(chosen) and data.origin.recipe is None:
-            continue  # an edit may have left none of them
-        if not len(chosen):
+        if len(chosen):
+            rows.append(_policy_row(source, data.table.take(chosen)))
+        elif data.origin.recipe is not None:  # an edit may have left none of them
             raise SchemaError(f"policy {source.label!r} made no episode of {data.origin.id}")
-        rows.append(_policy_row(source, data.table.take(chosen)))
     has_own = any(map(is_checkpoint_file, data.manifest.files))
     return (
         "\n## Behavior policies\n\n"
@@ -113,8 +101,9 @@ def statistics_text(
         ("return, standard deviation", f"{returns.std():.3f}"),
         ("return, min / quartiles / max", " / ".join(f"{value:.2f}" for value in quantiles)),
     ]
-    text = f"{HISTOGRAM_TITLE}\n\n```text\n{histogram(returns)}```"
-    text = text if picture is None else f"![{shown}]({picture})"
+    text = f"![{shown}]({picture})"
+    if picture is None:
+        text = f"{HISTOGRAM_TITLE}\n\n```text\n{histogram(returns)}```"
     return "\n## Statistics\n\n" + markdown.table(PROPERTIES, [*returned, *rows]) + f"\n{text}\n"
 
 
@@ -122,11 +111,10 @@ def histogram(values: Double) -> str:
     """Returns a histogram as text, one line per bin."""
     counts, edges = np.histogram(values, bins=HISTOGRAM_BINS)
     scale = HISTOGRAM_WIDTH / counts.max()
-    lines = [
-        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{HISTOGRAM_WIDTH}} {n}"
+    return "".join(
+        f"{low:9.2f} … {high:9.2f} |{'█' * round(n * scale):{HISTOGRAM_WIDTH}} {n}\n"
         for n, low, high in zip(counts, edges[:-1], edges[1:], strict=True)
-    ]
-    return "\n".join(lines) + "\n"
+    )
 
 
 def coverage_section(data: CardData) -> str:
@@ -159,12 +147,12 @@ def _coverage_rows(found: Coverage) -> list[tuple[str, str, str]]:
         *_entropy_rows("command", found.actions, "uniform: 1.39", "uniform: 1.39"),
         ("commands at a bound", f"{100 * found.bounds:.1f} %", "share of all components"),
     ]
-    if found.dependence is not None:
-        pairs, both = f"mean over {found.dependence.n_pairs} pairs", "of two robots' commands"
-        information, correlation = found.dependence.information, found.dependence.correlation
+    if (known := found.dependence) is not None:
+        pairs, both = f"mean over {known.n_pairs} pairs", "of two robots' commands"
+        information = f"{known.information:.3f} nats"
         rows += [
-            (f"mutual information {both}", f"{information:.3f} nats", f"{pairs}; 0: independent"),
-            (f"correlation {both}", f"{correlation:.3f}", f"{pairs}, absolute value"),
+            (f"mutual information {both}", information, f"{pairs}; 0: independent"),
+            (f"correlation {both}", f"{known.correlation:.3f}", f"{pairs}, absolute value"),
         ]
     reading = "for comparison with other papers; saturates on continuous data"
     return [*rows, ("distinct joint states and actions", f"{100 * found.distinct:.1f} %", reading)]

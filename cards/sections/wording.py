@@ -68,7 +68,6 @@ STRICT_NOTE = (
     "The policies are those of `{}`, where they were selected and where episodes go on after a "
     "contact; here a contact ends the episode without success, so fewer episodes succeed."
 )
-"""Of a preset whose policies are those of another one."""
 
 OWN_NETWORKS_NOTE = (
     "Checkpoints that are not the package's are in the dataset's folder `checkpoints`. The policy "
@@ -97,7 +96,6 @@ COMMON_LIMITS = (
     "less than 4 mm after one step, and mostly by less than 0.001 mm. Without contacts the "
     "difference is always below 0.001 mm.",
 )
-"""Known limits of every dataset of a task."""
 
 NOISE_LIMIT = (
     "The policies' commands plus Gaussian noise were clipped to [-1, 1], so commands accumulate at "
@@ -148,7 +146,6 @@ TIER_LIMITS = MappingProxyType(
         ),
     }
 )
-"""Known limits by tier."""
 
 
 def limits_of(spec: TaskSpec, tier: str) -> tuple[str, ...]:

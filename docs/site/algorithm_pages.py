@@ -27,20 +27,19 @@ def algorithm_pages() -> dict[str, str]:
         for name in known:
             head = f"    swarmdata {command.format(name)} --out runs/{name}\n"
             without = _ablation(name) if title == "offline" else ""
+            algorithm = resolve("algorithm", known, name)
+            about = import_module(known[name].partition(":")[0]).__doc__
             pages[f"reference/algorithms/{prefix}{name}.md"] = _page(
-                f"`{name}`, {title}", head + without, resolve("algorithm", known, name), known[name]
+                f"`{name}`, {title}", head + without, algorithm, about
             )
-            rows.append(
-                [f"[`{name}`]({prefix}{name}.md)", summary_of(_module(known[name]).__doc__)]
-            )
+            rows.append([f"[`{name}`]({prefix}{name}.md)", summary_of(about)])
         text += f"\n## {title.capitalize()}\n\n{table(('algorithm', 'what it does'), rows)}"
     pages["reference/algorithms/index.md"] = text
     return pages
 
 
 def _ablation(name: str) -> str:
-    ablation = ABLATIONS.get(name)
-    if ablation is None:
+    if (ablation := ABLATIONS.get(name)) is None:
         return ""
     changed = "".join(f" --set {key}={value}" for key, value in ablation.settings.items())
     return (
@@ -60,14 +59,13 @@ def settings(config: Any, prefix: str = "") -> Iterator[tuple[str, str, str]]:
             yield name, _written(value), notes.get(field.name, "")
 
 
-def _page(title: str, head: str, algorithm: Any, address: str) -> str:
-    module = _module(address)
+def _page(title: str, head: str, algorithm: Any, about: str | None) -> str:
     rows = [[f"`{name}`", value, note] for name, value, note in settings(algorithm.Config())]
     losses = ", ".join(f"`{loss}`" for loss in algorithm.LOSSES)
     return f"""# {title}
 
 {head}
-{markdown_of(module.__doc__ or "")}
+{markdown_of(about or "")}
 ## Settings
 
 `--set NAME=VALUE` changes a setting, `settings` of a study does too.
@@ -77,10 +75,6 @@ def _page(title: str, head: str, algorithm: Any, address: str) -> str:
 
 `losses.csv` of a run has {losses}.
 """
-
-
-def _module(address: str) -> Any:
-    return import_module(address.partition(":")[0])
 
 
 def _written(value: Any) -> str:

@@ -51,11 +51,9 @@ GROUPS = {
 }  # fmt: skip
 """Title and public names of each page."""
 
-PROTOCOLS = ("Task", "VecEnv", "Policy", "Algorithm", "OnlineAlgorithm")
-"""Protocols of `swarmdata/interfaces.py` that users implement."""
+PROTOCOLS = ("Task", "VecEnv", "Policy", "Algorithm", "OnlineAlgorithm")  # that users implement
 
-OF_FILES = ("from_file", "from_text", "to_yaml", "hash")
-"""Methods that tasks, recipes and other frozen models inherit."""
+OF_FILES = ("from_file", "from_text", "to_yaml", "hash")  # methods that all frozen models inherit
 
 
 def api_pages() -> dict[str, str]:

@@ -13,21 +13,19 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
-from urllib.parse import unquote
+from urllib.parse import unquote, urlsplit
 
 import swarmdata
 from docs.site.algorithm_pages import algorithm_pages
 from docs.site.api_pages import api_pages
 from docs.site.data_pages import data_pages
-from docs.site.navigation import add_navigation
 from docs.site.schema_pages import schema_pages
-from docs.site.staged_pages import stage_pages
+from docs.site.staged_pages import add_navigation, stage_pages
 from docs.site.task_pages import task_pages
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 
 HERE = Path(__file__).parent
-MARK = ".swarmdata-docs"
-"""File that says that a folder is a site, which may be replaced."""
+MARK = ".swarmdata-docs"  # file that says that a folder is a site, which may be replaced
 
 NAME = re.compile(r"\sid=\"([^\"]+)\"")
 ADDRESS = re.compile(r"<(?:a|img|link|script)\b[^>]*?\s(?:href|src)=\"([^\"]+)\"")
@@ -82,14 +80,12 @@ def broken_links(site: Path) -> Iterator[str]:
     names = {page: set(NAME.findall(text)) for page, text in texts.items()}
     for page, text in texts.items():
         for address in ADDRESS.findall(text):
-            path, _, anchor = address.partition("#")
-            target = (
-                page.parent.joinpath(unquote(path.partition("?")[0])).resolve() if path else page
-            )
-            if ":" in path.split("/")[0]:
+            link = urlsplit(address)
+            if link.scheme:
                 continue
-            is_known = not anchor or target not in names or unquote(anchor) in names[target]
-            if not target.exists() or not is_known:
+            target = (page.parent / unquote(link.path)).resolve() if link.path else page
+            anchor, known = unquote(link.fragment), names.get(target)
+            if not target.exists() or (anchor and known is not None and anchor not in known):
                 yield f"{page.relative_to(site)}: {address}"
 
 

@@ -10,7 +10,6 @@ author = copyright = "The swarmdata contributors"
 version = release = swarmdata.__version__
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon"]
-nitpicky = False  # types of other libraries have no inventory here: the build needs no network
 suppress_warnings = ["mystnb.mime_priority"]
 root_doc = "index"
 exclude_patterns = ["**.ipynb_checkpoints"]
@@ -24,7 +23,6 @@ myst_links_external_new_tab = False
 nb_execution_mode = "off"  # notebooks have their outputs: docs/site/make_notebooks.py
 
 autodoc_member_order = "bysource"
-autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 default_role = "code"  # docstrings write code in single backticks, as Markdown does
 maximum_signature_line_length = 90
@@ -32,7 +30,6 @@ python_use_unqualified_type_names = True
 add_module_names = False
 napoleon_numpy_docstring = False
 napoleon_use_rtype = False
-napoleon_preprocess_types = False
 
 html_theme = "furo"
 html_title = f"swarmdata {release}"

@@ -3,10 +3,10 @@
 from importlib import import_module
 
 from docs.site.docstrings import markdown_of
-from docs.site.formats_page import FACT_TITLES
 from docs.site.staged_pages import ROOT
 from docs.site.task_pages import columns_table, percent
 from swarmdata.drawing.markdown import table
+from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS
 from swarmdata.interop.formats import FORMATS, Format, all_formats
 from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import name_of, preset
@@ -18,11 +18,36 @@ from swarmdata.store.arrays.attributes import FRAME_MEANINGS, SENSED_NOTES
 from swarmdata.store.arrays.column_meanings import observation_columns
 from swarmdata.store.arrays.layout import ALL_FIELDS, ROW_MEANINGS
 
-SENSORS = ("state", "lidar", "bearing", "occupancy-5")
-"""Observation models whose columns are shown, in the task `coop_nav`."""
+SENSORS = ("state", "lidar", "bearing", "occupancy-5")  # whose columns are shown, in `coop_nav`
 
-RADIOS = ("none", "pose", "goal", "errand", "state", "learned-4")
-"""Communication models whose columns are shown."""
+RADIOS = ("none", "pose", "goal", "errand", "state", "learned-4")  # whose columns are shown
+
+YOUR_DATA = ROOT / "docs/your-data.md"
+
+FACT_TITLES = {
+    "observations": "observations, with the last one",
+    "states": "global states, with the last one",
+    "sent": "messages sent",
+    "delivered": "messages delivered",
+    "ages": "age of the newest message",
+    "alive": "which agents still act",
+    "action_masks": "action masks",
+    "actions": "actions",
+    "log_probs": "log-probabilities of actions",
+    "rewards": "rewards of each agent",
+    "terminations": "terminations",
+    "truncations": "truncations",
+    "events": "contacts and collisions",
+    "reward_terms": "unweighted terms of the rewards",
+    "agent_terminations": "terminations of each agent",
+    "agent_truncations": "truncations of each agent",
+    "layout": "obstacles",
+    "seed": "seed",
+    "policy": "behavior policy",
+    "end_reason": "end reason",
+    "split": "split",
+    "spec": "task, or spaces of a recording",
+}
 
 
 def data_pages() -> dict[str, str]:
@@ -164,3 +189,17 @@ tasks](../schemas/task.md#{model.lower()}). These are the {len(columns)} columns
 
 def _kind(name: str) -> str:
     return name.partition("-")[0]
+
+
+def your_data_page() -> str:
+    """`docs/your-data.md` with its table of formats written anew: what an export loses."""
+    text = YOUR_DATA.read_text(encoding="utf-8")
+    head, rows = ("name", "format", "direction", "an export loses"), []
+    for each in all_formats():
+        lost = ", ".join(f"`{fact}`" for fact in DATASET_FACTS if fact in each.lost)
+        direction = "write" if each.read is None else "both ways"
+        rows.append([f"`{each.name}`", each.title, direction, lost or "nothing"])
+    before, old, after = text.partition(f"| {' | '.join(head)} |\n")
+    if not old:
+        raise ValueError(f"{YOUR_DATA} has no table of {head}")
+    return before + table(head, rows) + after[after.index("\n\n") + 1 :]

@@ -9,8 +9,7 @@ from io import StringIO
 from itertools import zip_longest
 from typing import Any
 
-LABEL = re.compile(r"[A-Z]\w+: ")
-"""The beginning of a paragraph that a docstring does not set apart, such as `Action: `."""
+LABEL = re.compile(r"[A-Z]\w+: ")  # a paragraph that a docstring does not set apart, as `Action: `
 
 
 def markdown_of(text: str) -> str:
@@ -67,7 +66,6 @@ def _literal(node: ast.stmt | None) -> str:
 
 
 def _plain(line: str) -> str:
-    """Escapes what Markdown would read as emphasis or HTML, outside of code spans."""
     parts = re.split(r"(`[^`]*`)", line)
     return "".join(
         part if part.startswith("`") else part.replace("*", r"\*").replace("<", "&lt;")

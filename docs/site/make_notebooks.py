@@ -1,12 +1,9 @@
-"""Makes the notebooks of the tutorials: the Markdown with the outputs of its Python blocks.
+"""Makes the notebooks of the tutorials: their Markdown with the outputs of its Python blocks.
 
-    python -m docs.site.make_notebooks [NAME]...
-
-`docs/tutorials/NAME.md` is the source; nobody edits `NAME.ipynb`. Every tutorial runs in an empty
-folder with an empty cache of datasets, so that nothing that lies around decides its outputs. Where
-an output names that cache, the notebook has the usual one: the same run gives the same file.
+python -m docs.site.make_notebooks [NAME]...
 """
 
+import itertools
 import os
 import re
 import sys
@@ -14,7 +11,6 @@ import tempfile
 import time
 import tomllib
 from pathlib import Path
-from typing import Any
 
 from platformdirs import user_cache_path
 
@@ -28,11 +24,8 @@ INSTALL = re.compile(r"pip install ('swarmdata\[[^`\n]*)")
 
 def cells_of(text: str) -> list[tuple[str, str]]:
     """The cells of a tutorial, each `markdown` or `code` and its source."""
-    cells, end = [], 0
-    for block in BLOCK.finditer(text):
-        cells += [("markdown", text[end : block.start()].strip()), ("code", block[1].rstrip())]
-        end = block.end()
-    cells.append(("markdown", text[end:].strip()))
+    parts = [part.strip() for part in BLOCK.split(text)]  # text and code in turn
+    cells = zip(itertools.cycle(("markdown", "code")), parts, strict=False)
     return [(kind, source) for kind, source in cells if source]
 
 
@@ -55,13 +48,8 @@ def notebook_cells(source: Path) -> list[tuple[str, str]]:
     return [(kind, f"{title}\n\n{badge}\n\n{rest}"), ("code", install), *others]
 
 
-def source_of(notebook: Any) -> list[tuple[str, str]]:
-    """The cells of a notebook, without outputs."""
-    return [(cell["cell_type"], "".join(cell["source"])) for cell in notebook["cells"]]
-
-
 def make_notebook(source: Path) -> Path:
-    """Runs a tutorial, and writes its notebook beside it.
+    """Runs a tutorial in an empty folder and cache, and writes its notebook beside it.
 
     Raises:
         nbclient.exceptions.CellExecutionError: a cell raised an exception.
@@ -76,13 +64,10 @@ def make_notebook(source: Path) -> Path:
     for number, (kind, text) in enumerate(notebook_cells(source)):
         make = nbformat.v4.new_code_cell if kind == "code" else nbformat.v4.new_markdown_cell
         notebook.cells.append(make(text, id=f"{source.stem}-{number}"))
-    kernels = str(user_cache_path("swarmdata") / "kernels")
+    os.environ.setdefault("NUMBA_CACHE_DIR", str(user_cache_path("swarmdata") / "kernels"))
     with tempfile.TemporaryDirectory() as folder:
-        settings = {"SWARMDATA_CACHE": str(Path(folder, "cache")), "SWARMDATA_REMOTES": ""}
-        os.environ.update(
-            {"NUMBA_CACHE_DIR": os.environ.get("NUMBA_CACHE_DIR", kernels), **settings}
-        )
-        work = Path(folder, "tutorial")
+        cache, work = Path(folder, "cache"), Path(folder, "tutorial")
+        os.environ.update({"SWARMDATA_CACHE": str(cache), "SWARMDATA_REMOTES": ""})
         work.mkdir()
         NotebookClient(
             notebook, timeout=CELL_SECONDS, resources={"metadata": {"path": str(work)}},
@@ -94,9 +79,8 @@ def make_notebook(source: Path) -> Path:
             cell.outputs = [o for o in cell.outputs if o.get("name") != "stderr"]
     notebook.metadata.pop("language_info", None)
     target = source.with_suffix(".ipynb")
-    written = nbformat.writes(notebook).replace(settings["SWARMDATA_CACHE"], "~/.cache/swarmdata")
-    written = written.replace(str(work), "~/tutorial")
-    target.write_text(written + "\n", encoding="utf-8")
+    text = nbformat.writes(notebook).replace(str(cache), "~/.cache/swarmdata")
+    target.write_text(text.replace(str(work), "~/tutorial") + "\n", encoding="utf-8")
     return target
 
 

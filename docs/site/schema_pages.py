@@ -12,38 +12,34 @@ from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
-SCHEMAS: Mapping[str, tuple[str, type[Frozen]]] = {
-    "task": ("Task files", TaskSpec),
-    "recipe": ("Recipe files", Recipe),
-    "study": ("Study files", Study),
-    "logs": ("Maps of logs", LogMap),
-}
-"""Title and model of each kind of file."""
-
-INTRODUCTIONS = {
+SCHEMAS: Mapping[str, tuple[str, type[Frozen], str]] = {
     "task": (
+        "Task files", TaskSpec,
         "A task is a YAML or JSON file with the fields of `TaskSpec`. Whatever a file leaves out "
         "has its default; unknown keys are refused. `swarmdata task show PRESET` writes a full "
         "one, `swarmdata task validate FILE` checks one. [Tasks](../../docs/tasks.md) is the guide."
     ),
     "recipe": (
+        "Recipe files", Recipe,
         "A recipe is a YAML or JSON file that `swarmdata generate` makes a dataset of, and the "
         "`recipe.json` of every generated dataset. [Generating and editing]"
         "(../../docs/generating.md) is the guide, and [task files](task.md) describe `spec`."
     ),
     "study": (
+        "Study files", Study,
         "A study is a YAML file that `swarmdata study` runs. "
         "[Studies](../../docs/studies.md) is the guide."
     ),
     "logs": (
+        "Maps of logs", LogMap,
         "A map is a YAML file that says `swarmdata import` which columns and topics of logs are "
         "poses, commands and observations. `each` holds for every robot, and `{robot}` is its "
         "name. [Your data](../../docs/your-data.md) is the guide."
     ),
-}
+}  # fmt: skip
+"""Title, model and introduction of each kind of file."""
 
-NO_LIMIT = 10**12
-"""Upper bound of quantities that have none in practice; pages leave it out."""
+NO_LIMIT = 10**12  # upper bound of quantities that have none in practice; pages leave it out
 
 HEAD = ("field", "type and range", "default", "meaning")
 
@@ -53,7 +49,7 @@ def schema_pages() -> dict[str, str]:
     pages = {f"reference/schemas/{name}.md": schema_page(name) for name in SCHEMAS}
     rows = [
         [f"[{title}]({name}.md)", model.__doc__.splitlines()[0] if model.__doc__ else ""]
-        for name, (title, model) in SCHEMAS.items()
+        for name, (title, model, _) in SCHEMAS.items()
     ]
     pages["reference/schemas/index.md"] = (
         "# Schemas of files\n\nEvery field of the files that users write, from the models that "
@@ -64,12 +60,12 @@ def schema_pages() -> dict[str, str]:
 
 def schema_page(name: str) -> str:
     """The page of one kind of file: a section for its model and for each model within."""
-    title, model = SCHEMAS[name]
+    title, model, introduction = SCHEMAS[name]
     schema = model.model_json_schema()
     inner: dict[str, Any] = schema.get("$defs", {})
     if name == "recipe":  # the page of tasks has the rest
         inner = {key: inner[key] for key in ("PolicySource", "Splits")}
-    text = f"# {title}\n\n{INTRODUCTIONS[name]}\n"
+    text = f"# {title}\n\n{introduction}\n"
     for key, content in [(model.__name__, schema), *sorted(inner.items())]:
         text += _section(key, content, set(inner))
     return text
@@ -127,8 +123,8 @@ def _of_type(schema: Mapping[str, Any], known: set[str]) -> str:
         values = schema.get("additionalProperties")
         kind_of_values = words_of(values, known) if isinstance(values, Mapping) else "any value"
         return f"mapping of names to {kind_of_values}"
-    names = {"integer": "integer", "number": "number", "string": "text", "boolean": "true or false"}
-    words = names.get(str(kind), "none" if kind == "null" else "any value")
+    names = {"string": "text", "boolean": "true or false", "null": "none", None: "any value"}
+    words = names.get(kind, kind)
     above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
     bounds = "" if above is None else f", above {above:g}"
     bounds += "" if below is None else f", below {below:,}"

@@ -1,9 +1,4 @@
-"""Measures how much of its task a dataset covers: places, entropies, dependence, passing sides.
-
-The share of distinct joint states and actions, which is published elsewhere (Joint SACo, arXiv
-2409.12001), saturates at 1 on every continuous dataset. The other figures do not. They are
-estimated from a sample of fixed size, so a dataset of a gigabyte takes no longer than a mini.
-"""
+"""Measures how much of its task a dataset covers, from samples of fixed size."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -19,7 +14,6 @@ from swarmdata.analysis.entropy import (
 )
 from swarmdata.analysis.passings import Passings, passings, total
 from swarmdata.analysis.visits import Occupancy, occupancy
-from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import MappedReads, take_rows
 from swarmdata.specs.origins import task_of
@@ -28,26 +22,19 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset
 from swarmdata.types import Double, Float, Int
 
-N_ROWS, N_TEAM_ROWS = 5_000, 2_500
-"""Joint steps from which the entropies of one robot and of the whole team are estimated."""
+N_ROWS, N_TEAM_ROWS = 5_000, 2_500  # joint steps for entropies of one robot, and of the team
 
-N_PAIR_ROWS, N_PAIRS = 2_000, 12
-"""Joint steps, and at most how many pairs of robots, whose mutual information is estimated."""
+N_PAIR_ROWS, N_PAIRS = 2_000, 12  # most joint steps, and pairs of robots, for mutual information
 
-N_VISITS = 100_000
-"""States, of whole episodes, in which robots' places are counted."""
+N_VISITS = 100_000  # states, of whole episodes, in which robots' places are counted
 
-N_ENCOUNTERS = 200
-"""Most episodes of each policy in which passings are counted."""
+N_ENCOUNTERS = 200  # most episodes of each policy in which passings are counted
 
-ENTROPY_RESOLUTION = 0.01
-"""Width of the noise that gives repeated values a density: m, m/s, or a share of a command."""
+ENTROPY_RESOLUTION = 0.01  # width of the noise on repeated values: m, m/s or a share of a command
 
-SAMPLING_SEED = 0
-"""Seed of the samples and of the noise."""
+SAMPLING_SEED = 0  # seed of the samples and of the noise
 
-MIN_STEPS = NEIGHBOR_RANK + 2
-"""Fewest joint steps that the estimators accept."""
+MIN_STEPS = NEIGHBOR_RANK + 2  # fewest joint steps that the estimators accept
 
 _COMMAND_BOUNDS = (-1.0 - ENTROPY_RESOLUTION / 2, 1.0 + ENTROPY_RESOLUTION / 2)  # noise included
 
@@ -78,34 +65,24 @@ class Coverage:
     n_steps: int  # joint steps from which entropies are estimated
     places: Occupancy  # visits of robots to the cells of the arena
     n_states: int  # states in which visits are counted
-    states: Entropies | None
-    """Entropies of positions (m) and velocities (m/s); None for fewer than `MIN_STEPS`."""
-    actions: Entropies | None
-    """Entropies of driving commands, in [-1, 1]; None for fewer than `MIN_STEPS`."""
+    states: Entropies | None  # of positions (m) and velocities (m/s); None: below `MIN_STEPS`
+    actions: Entropies | None  # of driving commands, in [-1, 1]; None: below `MIN_STEPS`
     bounds: float  # share of the commands' components that are at a bound
-    distinct: float  # share of distinct joint states and actions, for comparison
-    dependence: Dependence | None
-    """Between robots' commands; None for one robot or fewer than `MIN_STEPS`."""
+    distinct: float  # share of distinct joint states and actions (Joint SACo, arXiv 2409.12001)
+    dependence: Dependence | None  # of robots' commands; None: one robot, or below `MIN_STEPS`
     passings: dict[int, Passings]  # by index of the policy, in the sampled episodes of each
 
 
-def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
-    """Measures how much a dataset covers, or a selection of its stored episodes, [n].
-
-    Raises:
-        SchemaError: no episode is selected.
-    """
-    chosen = np.arange(len(stored.table)) if selection is None else np.asarray(selection)
-    if not len(chosen):
-        raise SchemaError("no episodes are selected, expected at least one to measure coverage of.")
+def coverage(stored: StoredDataset) -> Coverage:
+    """Measures how much a dataset of at least one episode covers."""
     spec, table = task_of(stored.recipe, "coverage"), stored.table
+    chosen = np.arange(len(table))
     steps, states = sample_steps(table, chosen, N_ROWS)
     moves = robots_of(take_rows(stored.arrays["states"], states), spec.n_agents)[
         ..., [X, Y, VX, VY]
     ]
     commands = take_rows(stored.arrays["actions"], steps)[..., :_N_DRIVING]
     places, n_states = places_of(stored, chosen)
-    policies = table.policy[chosen]
     joint = np.concatenate([a.reshape(len(steps), -1) for a in (moves, commands)], axis=1)
     return Coverage(
         n_steps=len(steps),
@@ -117,8 +94,8 @@ def coverage(stored: StoredDataset, selection: Int | None = None) -> Coverage:
         distinct=len(np.unique(joint, axis=0)) / len(steps),
         dependence=dependence(commands.astype(np.float64)),
         passings={
-            policy: passings_of(stored, spread(chosen[policies == policy], N_ENCOUNTERS), spec)
-            for policy in np.unique(policies).tolist()
+            policy: passings_of(stored, spread(chosen[table.policy == policy], N_ENCOUNTERS), spec)
+            for policy in np.unique(table.policy).tolist()
         },
     )
 
@@ -148,16 +125,9 @@ def spread(items: Int, n: int) -> Int:
 
 
 def dependence(actions: Double) -> Dependence | None:
-    """Measures how much robots' commands reveal about each other, also through common causes.
+    """Measures how much robots' commands, [n, N, A], reveal about each other.
 
-    `dither` gives repeated values a density, with independent noise for each robot. Of many pairs
-    and rows, a fixed subset is used.
-
-    Args:
-        actions: joint commands, [n, N, A].
-
-    Returns:
-        None for a single robot, or fewer than `MIN_STEPS` joint commands.
+    None for a single robot, or fewer than `MIN_STEPS` joint commands.
     """
     rows = spread(np.arange(len(actions)), N_PAIR_ROWS)
     pairs = np.array(list(combinations(range(actions.shape[1]), 2)), dtype=np.int64)
@@ -168,15 +138,9 @@ def dependence(actions: Double) -> Dependence | None:
         dither(actions[rows, i], ENTROPY_RESOLUTION, SAMPLING_SEED + 2 + i)
         for i in range(actions.shape[1])
     ]
-    return Dependence(
-        n_pairs=len(pairs),
-        information=float(
-            np.mean([mutual_information(blurred[i], blurred[j]) for i, j in pairs.tolist()])
-        ),
-        correlation=float(
-            np.mean([correlation(actions[rows, i], actions[rows, j]) for i, j in pairs.tolist()])
-        ),
-    )
+    shared = [mutual_information(blurred[i], blurred[j]) for i, j in pairs.tolist()]
+    linear = [correlation(actions[rows, i], actions[rows, j]) for i, j in pairs.tolist()]
+    return Dependence(len(pairs), float(np.mean(shared)), float(np.mean(linear)))
 
 
 def _entropies(
@@ -195,11 +159,7 @@ def _entropies(
 
 
 def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
-    """Counts robots' visits in whole episodes that are evenly spread over the selection.
-
-    Returns:
-        The visits, and the number of states in which they were counted, about `N_VISITS` at most.
-    """
+    """Counts robots' visits in about `N_VISITS` states of whole episodes, and the states."""
     table = stored.table
     n_states = int(table.lengths[selection].sum()) + len(selection)
     taken = spread(selection, max(1, (N_VISITS * len(selection)) // n_states))
@@ -210,8 +170,7 @@ def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
         copies.append(rows.copy())
         reads.add(rows)
     reads.release()
-    states = np.concatenate(copies)
-    spec = task_of(stored.recipe, "coverage")
+    spec, states = task_of(stored.recipe, "coverage"), np.concatenate(copies)
     return occupancy(states, table.layouts[selection], spec), len(states)
 
 

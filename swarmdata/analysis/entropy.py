@@ -1,8 +1,4 @@
-"""Entropy and mutual information of continuous samples, from distances to nearest neighbors.
-
-Differential entropies are in nats and depend on the units of the coordinates. All distances use
-the maximum norm. The results only describe data, so their last digits may differ between machines.
-"""
+"""Entropy and mutual information of samples, from distances to neighbors in the maximum norm."""
 
 import numpy as np
 
@@ -31,11 +27,7 @@ def _gap(points: Double, i: int, j: int, limit: float) -> float:
 
 @kernel
 def _sorted_kth_distances(points: Double, k: int) -> Double:
-    """Distance of each point to its k-th nearest other point, [n].
-
-    Points are sorted by their first coordinate. The search goes outward from each point and ends
-    where the first coordinate alone is too far away.
-    """
+    """Distance of each point, sorted by the first coordinate, to its k-th neighbor, [n]."""
     n = len(points)
     nearest = np.empty(k)
     distances = np.empty(n)
@@ -62,10 +54,7 @@ def _sorted_kth_distances(points: Double, k: int) -> Double:
 
 @kernel
 def _sorted_counts(points: Double, distances: Double) -> Int:
-    """Number of other points strictly closer to each point than its given distance, [n].
-
-    Points are sorted by their first coordinate.
-    """
+    """Number of others strictly closer to each point, sorted likewise, than its distance, [n]."""
     n = len(points)
     counts = np.zeros(n, np.int64)
     for i in range(n):
@@ -189,12 +178,9 @@ def correlation(x: Double, y: Double) -> float:
 def dither(points: Double, resolution: float, seed: int) -> Double:
     """Adds uniform noise of width `resolution` to every value; the shape stays.
 
-    Recorded values repeat: robots rest, commands are clipped at their bounds. Such a distribution
-    has no density, and its differential entropy is minus infinity. The entropy of the dithered
-    values, called the entropy at this resolution, is finite: at least log(resolution) for each
-    coordinate. Where the density is nearly constant within `resolution`, dithering does not change
-    the entropy. Independent dithering cannot increase mutual information (data processing
-    inequality).
+    Recorded values repeat: robots rest, commands are clipped. Such a distribution has no density,
+    and its entropy is minus infinity; that of dithered values is at least log(resolution) for each
+    coordinate. Independent noise cannot increase mutual information.
 
     Args:
         points: values, any shape.

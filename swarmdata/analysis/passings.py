@@ -8,18 +8,15 @@ from swarmdata.specs.state_layout import VX, VY, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float
 
-ENCOUNTER_DISTANCE = 1.0
-"""Distance between two robots' centres at which an encounter begins and ends, m."""
+ENCOUNTER_DISTANCE = 1.0  # m between centres, at which an encounter begins and ends
 
 PASSING_DISTANCE = 0.5
 """Largest distance between centres at the closest approach of a passing, m. Farther apart, nobody
 had to give way."""
 
-HEAD_ON_MAX_COSINE = -0.7
-"""Largest cosine between the velocities when an encounter begins: at least 134 degrees apart."""
+HEAD_ON_MAX_COSINE = -0.7  # between velocities when an encounter begins: 134 degrees apart
 
-MOVING_MIN_SPEED = 0.1
-"""Smallest speed of both robots when an encounter begins, m/s."""
+MOVING_MIN_SPEED = 0.1  # smallest speed of both robots when an encounter begins, m/s
 
 
 class Passings(NamedTuple):
@@ -93,7 +90,6 @@ def _side(a: Double, b: Double, first: int, last: int, near: float) -> int:
 
 @kernel
 def _passings(a: Double, b: Double, near: float, reach: float) -> tuple[int, int]:
-    """Right and left passings of two robots, [T+1, 8] each."""
     n_right, n_left, first = 0, 0, 0
     was_apart, together = False, False
     for t in range(len(a)):

@@ -11,8 +11,7 @@ from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int
 
-CELL_SIZE = 0.1
-"""Side of a cell, m."""
+CELL_SIZE = 0.1  # side of a cell, m
 
 MAX_LAYOUTS = 32
 """Most layouts in which free cells are searched. If obstacles are drawn anew in every episode,
@@ -45,11 +44,7 @@ class Occupancy:
 
     @property
     def entropy(self) -> float:
-        """Evenness of the visits to the free cells: 0 if all are in one cell, 1 if all are equal.
-
-        This is the Shannon entropy of the distribution of visits divided by the logarithm of the
-        number of free cells, and 1 if there is only one free cell.
-        """
+        """Shannon entropy of visits to free cells over that of equal ones; 1 of a single cell."""
         counts = self.visits[self.free & (self.visits > 0)]
         if self.n_free == 1 or len(counts) == 0:
             return float(self.n_free == 1)

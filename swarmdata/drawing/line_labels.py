@@ -8,18 +8,15 @@ import numpy as np
 from swarmdata.drawing.style import words_of
 from swarmdata.types import Double
 
-NEAR_SIDE = 0.98
-"""Share of a panel's width, up to which a line ends before the panel does."""
+NEAR_SIDE = 0.98  # share of a panel's width, up to which a line ends before the panel does
 
-MIN_LABEL_GAP = 8.5 / 72
-"""Between the middles of two labels, in inches: the height of their letters and a little air."""
+MIN_LABEL_GAP = 8.5 / 72  # inches between the middles of two labels
 
 
 def label_ends(axes: Any, lines: Sequence[Any], height: float) -> None:
-    """Writes each line's label beside the panel at the height of its end, without overlaps.
+    """Writes each line's label beside a panel, `height` inches high and with final limits.
 
-    A line that ends before the panel does is joined to its label. The panel is about `height`
-    inches high, and its limits are final.
+    Labels do not overlap; a line that ends before the panel does is joined to its own.
     """
     transform = axes.transData
     inverse = axes.transAxes.inverted()

@@ -4,8 +4,7 @@ import html
 import re
 from collections.abc import Iterable, Mapping, Sequence
 
-_CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")
-"""Text in which Markdown reads no marks and no HTML."""
+_CODE = re.compile(r"((?<!`)`[^`]+`(?!`))")  # text in which Markdown reads no marks and no HTML
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]], *, is_numeric: bool = False) -> str:

@@ -15,14 +15,11 @@ from swarmdata.runtime.extras import require_extra
 COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#785E3C")
 """From Okabe and Ito, "Color Universal Design", 2008; robots are drawn in the same colors."""
 
-INK, GRAY, FAINT = "#2D333C", "#7A818B", "#E3E5E8"
-"""Of text and axes, of the background, and of grid lines."""
+INK, GRAY, FAINT = "#2D333C", "#7A818B", "#E3E5E8"  # of text, background and grid
 
-MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "p", "h", "d")
-"""Of points that share a color."""
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "*", "<", ">", "p", "h", "d")  # of points of a color
 
-DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))
-"""Of lines that share a color, in matplotlib's notation."""
+DASHES = ("-", (0, (5, 1.5)), (0, (1.5, 1.2)))  # of lines that share a color
 
 DATA_LINE: Mapping[str, Any] = {"color": INK, "lw": 1.0, "ls": (0, (4, 2))}
 """The mean of a dataset's own episodes, in every figure that shows it."""
@@ -38,8 +35,7 @@ FAMILY_COLORS = {
 }
 """Of the families of algorithms, alike in all figures."""
 
-SPARE_COLORS = ("#D55E00", "#8A7F00", "#7B4BA8")
-"""Of other families, so that none looks like one of those above."""
+SPARE_COLORS = ("#D55E00", "#8A7F00", "#7B4BA8")  # of other families, unlike those above
 
 FAMILY_OF = {
     **dict.fromkeys(("bc", "filtered_bc", "dagger"), "cloning"),
@@ -68,11 +64,9 @@ WORDS = {
 }
 """Parts of labels in committed studies -> words, as patterns of `re.sub`."""
 
-COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0
-"""Inches: of a column and of the text of a page in two columns, as in papers."""
+COLUMN_WIDTH, PAGE_WIDTH = 3.4, 7.0  # inches: of a column and of a page's text, as in papers
 
-Medium = Literal["paper", "screen"]
-"""What a figure is for: a column of a paper, or a sheet that is only looked at on a screen."""
+Medium = Literal["paper", "screen"]  # a column of a paper, or a sheet to look at on a screen
 
 _PAPER = {
     "font.size": 8,
@@ -155,18 +149,14 @@ def family_looks(families: Mapping[str, str]) -> dict[str, dict[str, str]]:
     markers = {}
     for label in sorted(families, key=lambda name: name not in FAMILY_OF):
         used = taken.setdefault(color_of[kinds[label]], [])
-        wanted = [_marker_of(label)] if label in FAMILY_OF else []
+        members = [k for k, family in FAMILY_OF.items() if family == FAMILY_OF.get(label)]
+        wanted = [MARKERS[members.index(label)]] if members else []
         free = [each for each in (*wanted, *MARKERS) if each not in used]
         markers[label] = free[0] if free else MARKERS[len(used) % len(MARKERS)]
         used.append(markers[label])
     return {
         label: {"color": color_of[kind], "marker": markers[label]} for label, kind in kinds.items()
     }
-
-
-def _marker_of(algorithm: str) -> str:
-    members = [name for name, family in FAMILY_OF.items() if family == FAMILY_OF[algorithm]]
-    return MARKERS[members.index(algorithm)]
 
 
 def family_colors(kinds: Sequence[str]) -> dict[str, str]:
@@ -249,14 +239,8 @@ def figure(
 ) -> Iterator[Any]:
     """Makes a figure in the project's style and saves it at the end; pyplot's state is unchanged.
 
-    A PNG for a paper gets a PDF of the same name beside it.
-
-    Args:
-        path: where to save; the suffix is the format.
-        width: inches.
-        height: inches.
-        purpose: for the error message if matplotlib is missing.
-        medium: a paper's figures have text of 8 points.
+    Sizes are in inches, and `purpose` is for the error message if matplotlib is missing. A PNG for
+    a paper gets a PDF of the same name beside it.
 
     Raises:
         SchemaError: an unknown suffix.

@@ -13,7 +13,6 @@ from swarmdata.analysis.visits import Occupancy
 from swarmdata.cards.card import check, render
 from swarmdata.cards.sections.measured_content import CardData, LogProbabilities
 from swarmdata.cards.sections.problem import observation_rows
-from swarmdata.cards.sections.statistics import histogram
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.components import make_task
@@ -26,6 +25,7 @@ from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.manifest import ArrayEntry, FileEntry, StatisticsEntry
+from tests.support.episode_table import episode_table
 
 GOLDEN = Path(__file__).parent / "golden_card.md"
 N_EPISODES = 40
@@ -34,54 +34,43 @@ N_EPISODES = 40
 def make_table(**changes: object) -> EpisodeTable:
     index = np.arange(N_EPISODES)
     solved = index % 4 != 0
-    lengths = np.where(solved, 50 + index, 160)
-    columns: dict[str, object] = {
-        "starts": np.cumsum(lengths) - lengths,
-        "lengths": lengths,
+    columns = {
+        "lengths": np.where(solved, 50 + index, 160),
         "seeds": (index + 7).astype(np.uint64),
-        "layouts": np.zeros((N_EPISODES, 6, 8), np.float32),
-        "split": np.select([index % 20 == 3, index % 20 == 9], [1, 2], 0).astype(np.uint8),
-        "end_reason": np.where(solved, 0, 2).astype(np.uint8),
-        "policy": (index % 2).astype(np.uint8),
-        "policy_episode": index // 2,
+        "split": np.select([index % 20 == 3, index % 20 == 9], [1, 2], 0),
+        "end_reason": np.where(solved, 0, 2),
+        "policy": index % 2,
         "team_return": np.where(solved, 4.0 + index / 10, -3.0 - index / 8),
         "success": solved,
-        "robot_collisions": (index % 3 == 0).astype(np.int64),
-        "obstacle_collisions": np.zeros(N_EPISODES, np.int64),
+        "robot_collisions": index % 3 == 0,
     }
-    return EpisodeTable(**{**columns, **changes})  # type: ignore[arg-type]
+    return episode_table(N_EPISODES, **{**columns, **changes})
 
 
-def make_card_data(
-    table: EpisodeTable | None = None, recipe: Recipe | None = None, n_features: int = 53
-) -> CardData:
+def make_card_data(table: EpisodeTable | None = None, n_features: int = 53) -> CardData:
     table = table if table is not None else make_table()
-    recipe = recipe or Recipe(
+    expert = PolicySource(
+        label="expert-0",
+        name="learned",
+        checkpoint="expert-0.safetensors",
+        sha256="b" * 64,
+        noise=0.1,
+    )
+    recipe = Recipe(
         id="coop_nav-golden-v0",
         tier="golden",
         spec=TaskSpec(),
-        policies=(
-            PolicySource(label="random", name="random"),
-            PolicySource(
-                label="expert-0",
-                name="learned",
-                checkpoint="expert-0.safetensors",
-                sha256="b" * 64,
-                noise=0.1,
-            ),
-        ),
+        policies=(PolicySource(label="random", name="random"), expert),
         n_steps=3000,
     )
     steps = int(table.lengths.sum())
     rows = steps + len(table)
     shapes = {
-        "actions": ("float32", (steps, 4, 2)),
-        "observations": ("float32", (rows, 4, n_features)),
-        "states": ("float32", (rows, 32)),
-    }
+        "actions": (steps, 4, 2), "observations": (rows, 4, n_features), "states": (rows, 32),
+    }  # fmt: skip
     arrays = {
-        name: ArrayEntry(dtype=dtype, shape=shape, chunk_rows=10_000, checksums=("0" * 16,))  # type: ignore[arg-type]
-        for name, (dtype, shape) in shapes.items()
+        name: ArrayEntry(dtype="float32", shape=shape, chunk_rows=10_000, checksums=("0" * 16,))
+        for name, shape in shapes.items()
     }
     manifest = Manifest(
         format_version=1,
@@ -130,16 +119,12 @@ def make_log_probs() -> dict[int, LogProbabilities]:
 
 
 def make_references() -> TaskReferences:
-    def metrics(team_return: float) -> dict[str, Interval | None]:
-        table: dict[str, Interval | None] = dict.fromkeys(
-            EPISODE_METRICS, Interval(value=0.5, low=0.4, high=0.6)
-        )
-        table["return"] = Interval(value=team_return, low=team_return - 1, high=team_return + 1)
-        return table
+    def metrics(r: float) -> dict[str, Interval | None]:
+        half = Interval(value=0.5, low=0.4, high=0.6)
+        own = Interval(value=r, low=r - 1, high=r + 1)
+        return {**dict.fromkeys(EPISODE_METRICS, half), "return": own}
 
-    policies = {
-        name: metrics(r) for name, r in (("idle", -4.0), ("random", -13.0), ("expert", 6.0))
-    }
+    policies = {"idle": metrics(-4.0), "random": metrics(-13.0), "expert": metrics(6.0)}
     policies["idle"]["time_to_goal"] = None
     return TaskReferences(spec_hash="f" * 64, n_episodes=1000, made_with={}, policies=policies)
 
@@ -222,11 +207,3 @@ def test_a_picture_takes_the_place_of_the_histogram() -> None:
     text = render(make_card_data(), picture="coop_nav-golden-v0.png")
     assert "](coop_nav-golden-v0.png)" in text
     assert "█" not in text
-
-
-def test_histogram_counts_everything() -> None:
-    values = np.random.default_rng(0).normal(size=1000)
-    lines = histogram(values).splitlines()
-
-    assert sum(int(line.split()[-1]) for line in lines) == 1000
-    assert max(line.count("█") for line in lines) == 40

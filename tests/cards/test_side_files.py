@@ -6,7 +6,6 @@ from pathlib import Path
 import pytest
 
 from swarmdata.cards.side_files import damage_of, finish
-from swarmdata.datasets.dataset import Dataset
 from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD, REFERENCES
@@ -66,7 +65,3 @@ def test_a_task_without_references_has_no_such_file(
     finish(folder)
     assert (folder / CARD).exists()
     assert not (folder / REFERENCES).exists()
-
-
-def test_what_the_card_says_is_in_the_references(made: Path) -> None:
-    assert f"`{REFERENCES}` beside this card has all metrics" in Dataset.open(made).card

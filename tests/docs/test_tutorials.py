@@ -3,17 +3,12 @@
 import json
 import re
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from docs.site.make_notebooks import TUTORIALS, cells_of, notebook_cells, source_of
+from docs.site.make_notebooks import TUTORIALS, cells_of, notebook_cells
 
 SOURCES = sorted(TUTORIALS.glob("*.md"))
-
-
-def notebook_of(source: Path) -> Any:
-    return json.loads(source.with_suffix(".ipynb").read_text(encoding="utf-8"))
 
 
 def test_there_are_tutorials() -> None:
@@ -30,8 +25,9 @@ def test_notebooks_open_in_colab_and_install_what_their_page_names_there() -> No
 
 @pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.stem)
 def test_the_notebook_is_its_source_and_ran_from_top_to_bottom(source: Path) -> None:
-    notebook = notebook_of(source)
-    assert source_of(notebook) == notebook_cells(source), "run: make notebooks"
+    notebook = json.loads(source.with_suffix(".ipynb").read_text(encoding="utf-8"))
+    sources = [(cell["cell_type"], "".join(cell["source"])) for cell in notebook["cells"]]
+    assert sources == notebook_cells(source), "run: make notebooks"
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
     outputs = [output for cell in cells for output in cell["outputs"]]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from docs.site.formats_page import page
+from docs.site.data_pages import YOUR_DATA, your_data_page
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
 from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, TIME_ARRAYS
@@ -23,7 +23,6 @@ from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.types import Episode
 from tests.interop.foreign import NEEDS
 
-PAGE = Path(__file__).parents[2] / "docs/your-data.md"
 SLOW = ("torchrl", "vault")
 WRITTEN = [
     pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else [])
@@ -109,8 +108,8 @@ def test_tables_name_every_fact_once() -> None:
 
 def test_golden_page(update_golden: bool) -> None:
     if update_golden:
-        PAGE.write_text(page(), encoding="utf-8")
-    assert PAGE.read_text(encoding="utf-8") == page()
+        YOUR_DATA.write_text(your_data_page(), encoding="utf-8")
+    assert YOUR_DATA.read_text(encoding="utf-8") == your_data_page()
 
 
 def test_notes_survive(ours: Dataset, recorded: Dataset) -> None:

@@ -1,5 +1,4 @@
-"""Figures of estimates: what they show comes in as numbers, names and looks.
+"""Figures of estimates, saved to a path whose suffix is the format.
 
-A function that draws saves to a path whose suffix is the format. It raises SchemaError if there is
-nothing to draw or the suffix is unknown, and MissingExtraError if matplotlib is not installed.
+Drawing raises SchemaError for an unknown suffix, or if there is nothing to draw.
 """

@@ -22,8 +22,7 @@ from swarmdata.drawing.style import (
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_statistics import Estimate
 
-Looks = Mapping[str, Mapping[str, str]]
-"""Color and marker of each label, as of `family_looks`."""
+Looks = Mapping[str, Mapping[str, str]]  # color and marker of each label, as of `family_looks`
 
 ROW_HEIGHT, LOWEST_ROW = 0.155, 0.105  # inches; rows are as low as the screen needs
 SCREEN_HEIGHT = 5.5  # inches: of a figure without its legend, so that it has 1,200 pixels at most
@@ -35,14 +34,12 @@ LETTER_WIDTH = 0.055  # inches, of 7 points
 class Panel(NamedTuple):
     """One quantity of the rows of a line."""
 
-    estimates: Mapping[str, Estimate]
-    """Row -> estimate in shown units; rows may be absent, values NaN."""
+    estimates: Mapping[str, Estimate]  # by row, in shown units; rows may be absent, values NaN
     xlabel: str  # of the horizontal axis
     title: str = ""  # above the panel
     line: float | None = None  # where the mean of the data is; None: there is none
     scale: str = ""  # panels of one scale have the same limits; empty: limits of its own
-    limits: tuple[float | None, float | None] = (None, None)
-    """Ends of the axis; None: as far as the intervals reach."""
+    limits: tuple[float | None, float | None] = (None, None)  # None: as far as intervals reach
     hollow: Collection[str] = ()  # rows whose markers are not filled
 
 
@@ -65,14 +62,8 @@ def plot_by_dataset(
 ) -> None:
     """Draws one quantity: a panel for each dataset, a row for each algorithm, the best on top.
 
-    Args:
-        estimates: dataset -> algorithm -> estimate; an algorithm may be absent.
-        data: dataset -> mean of its own episodes, where it is known.
-        looks: color and marker of each algorithm.
-        path: where to save.
-        label: of the horizontal axes.
-        families: algorithm -> family, for the legend.
-        shares_axis: whether all panels have the same horizontal axis.
+    `estimates` are by dataset and algorithm, `data` the means of a dataset's own episodes, `label`
+    is that of the horizontal axes, which panels may share, and `families` are for the legend.
     """
     values: dict[str, list[float]] = {}
     for found in estimates.values():
@@ -107,14 +98,9 @@ def plot_dots(
     legend: Mapping[str, Mapping[str, Any]],
     zero: bool = False,
 ) -> None:
-    """Draws lines of panels.
+    """Draws lines of panels from the top, perhaps with a line at 0; rows without a look are dark.
 
-    Args:
-        lines: from the top.
-        looks: color and marker of each row; a row without one is dark.
-        path: where to save.
-        legend: text -> look; the mean of the data is added if it is drawn.
-        zero: whether the panels have a line at 0.
+    `legend` has looks by text; the mean of the data is added if it is drawn.
     """
     if not any(line.rows and line.panels for line in lines):
         raise SchemaError("there are no estimates to draw, expected at least one panel and row.")
@@ -149,14 +135,11 @@ def _wrapped(line: PanelLine, width: float) -> PanelLine:
     if not any(panel.title for panel in line.panels[1:]):  # it may run over the next panels
         width *= len(line.panels)
     letters = max(8, int(width / (1.3 * LETTER_WIDTH)))
-    panels = [
-        each._replace(title="\n".join(textwrap.wrap(each.title, letters))) for each in line.panels
-    ]
+    panels = [each._replace(title=textwrap.fill(each.title, letters)) for each in line.panels]
     return line._replace(panels=panels)
 
 
 def _decoration(line: PanelLine) -> float:
-    """The height of the titles and ticks of a line of panels, in inches."""
     title = max(panel.title.count("\n") + 1 if panel.title else 0 for panel in line.panels)
     return 0.14 * title + 0.22
 
@@ -175,20 +158,17 @@ def fits_on_a_screen(n_rows: int, n_lines: int) -> bool:
 
 
 def _limits(panels: Iterable[Panel], *, zero: bool) -> dict[str | int, tuple[float, float]]:
-    """The limits of each scale, and of each panel without one."""
-    ends: dict[str | int, list[float]] = {}
-    fixed: dict[str | int, tuple[float | None, float | None]] = {}
+    scales: dict[str | int, list[Panel]] = {}
     for panel in panels:
-        found = [end for each in panel.estimates.values() for end in each]
-        found += [] if panel.line is None else [panel.line]
-        found += [0.0] if zero else []
-        known = ends.setdefault(panel.scale or id(panel), [])
-        known += [end for end in found if math.isfinite(end)]
-        fixed[panel.scale or id(panel)] = panel.limits
+        scales.setdefault(panel.scale or id(panel), []).append(panel)
     limits = {}
-    for key, found in ends.items():
-        low, high = (min(found), max(found)) if found else (0.0, 1.0)
-        low, high = (b if a is None else a for a, b in zip(fixed[key], (low, high), strict=True))
+    for key, group in scales.items():
+        ends = [end for panel in group for each in panel.estimates.values() for end in each]
+        ends += [panel.line for panel in group if panel.line is not None]
+        known = [end for end in ends if math.isfinite(end)] + [0.0] * zero
+        first, last = group[-1].limits
+        low = first if first is not None else min(known, default=0.0)
+        high = last if last is not None else max(known, default=1.0)
         margin = 0.04 * (high - low) or 0.5
         limits[key] = low - margin, high + margin
     return limits

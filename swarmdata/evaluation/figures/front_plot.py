@@ -20,38 +20,21 @@ from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks, marker_handles
 from swarmdata.rollouts.score_statistics import Estimate
 
-MAX_WHOLE_POINTS = 6
-"""Of more points in a panel, only those of its front have intervals."""
+MAX_WHOLE_POINTS = 6  # of more points in a panel, only those of its front have intervals
 
-MAX_LARGE_PANELS = 9
-"""More panels are small ones."""
+MAX_LARGE_PANELS = 9  # more panels are small ones
 
 
-class _Layout(NamedTuple):
-    """Panels side by side, inches of a row, and letters of a title's line and its points."""
-
-    columns: int
-    row: float
-    letters: int
-    title_size: float
-
-
-LARGE, SMALL = _Layout(3, 2.2, 30, 7.5), _Layout(5, 1.15, 18, 6.5)
-
-
-MOST_HEIGHT = 5.3
-"""Inches, without the legend, so that a figure is no higher than a screen."""
+MOST_HEIGHT = 5.3  # inches, without the legend, so that a figure is no higher than a screen
 
 
 class FrontPanel(NamedTuple):
     """The points of a panel."""
 
-    points: Mapping[str, tuple[Estimate, Estimate]]
-    """Label -> (horizontal, vertical) in shown units."""
+    points: Mapping[str, tuple[Estimate, Estimate]]  # label -> (horizontal, vertical), as shown
     front: Collection[str]  # labels that no other exceeds; they are filled, and a line joins them
     line: float | None = None  # vertical place of the mean of the data; None: there is none
-    far: Collection[str] = ()
-    """Labels that are listed in words, because they would dwarf the others."""
+    far: Collection[str] = ()  # labels that would dwarf the others, so they are only listed
 
     @property
     def near(self) -> dict[str, tuple[Estimate, Estimate]]:
@@ -60,26 +43,13 @@ class FrontPanel(NamedTuple):
 
 
 def plot_fronts(
-    panels: Mapping[str, FrontPanel],
-    looks: Looks,
-    path: Path,
-    *,
-    xlabel: str,
-    ylabel: str,
+    panels: Mapping[str, FrontPanel], looks: Looks, path: Path, *, xlabel: str, ylabel: str
 ) -> None:
-    """Draws a panel for each dataset.
-
-    Args:
-        panels: title -> points.
-        looks: color and marker of each label.
-        path: where to save.
-        xlabel: of the horizontal axes, which start at 0; less is better.
-        ylabel: of the vertical axes; more is better.
-    """
+    """Draws panels by title: less is better on horizontal axes, from 0, more on vertical ones."""
     if not panels:
         raise SchemaError("there are no points to draw, expected at least one panel.")
-    layout = SMALL if len(panels) > MAX_LARGE_PANELS else LARGE
-    n_columns = 2 if len(panels) == 4 else min(layout.columns, len(panels))
+    are_small = len(panels) > MAX_LARGE_PANELS
+    n_columns = 2 if len(panels) == 4 else min(5 if are_small else 3, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
     shown = {label for panel in panels.values() for label in panel.points}
@@ -88,16 +58,17 @@ def plot_fronts(
     }
     legend["not Pareto-optimal"] = HOLLOW_LOOK
     has_line = any(panel.line is not None for panel in panels.values())
-    height = min(0.4 + layout.row * n_rows, MOST_HEIGHT)
+    height = min(0.4 + (1.15 if are_small else 2.2) * n_rows, MOST_HEIGHT)
     with figure(path, width=width, height=height) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, panel) in zip(grid, panels.items(), strict=False):
             _draw_panel(axes, panel, looks)
             xlim, ylim = _limits(panel)
             axes.set(xlim=xlim, ylim=ylim)
-            axes.locator_params(nbins=3 if layout is SMALL else 6)
-            words = "\n".join(textwrap.wrap(title, layout.letters))
-            axes.set_title(words, loc="left", fontweight="bold", fontsize=layout.title_size)
+            axes.locator_params(nbins=3 if are_small else 6)
+            words = textwrap.fill(title, 18 if are_small else 30)
+            size = 6.5 if are_small else 7.5
+            axes.set_title(words, loc="left", fontweight="bold", fontsize=size)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
         drawing.supxlabel(xlabel, fontsize=8)
@@ -106,7 +77,6 @@ def plot_fronts(
 
 
 def _limits(panel: FrontPanel) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Limits that show every point, and the intervals of those that have them."""
     is_crowded = len(panel.near) > MAX_WHOLE_POINTS
     xs, ys = [0.0], [] if panel.line is None else [panel.line]
     for label, (x, y) in panel.near.items():

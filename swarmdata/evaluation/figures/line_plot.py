@@ -20,8 +20,7 @@ from swarmdata.drawing.style import (
 from swarmdata.errors import SchemaError
 from swarmdata.types import Double
 
-MARKED_POINTS = 6
-"""Markers on a line, at most about."""
+MARKED_POINTS = 6  # markers on a line, at most about
 
 LINE: Mapping[str, Any] = {"lw": 1.4, "ms": 3}
 RING: Mapping[str, Any] = {"marker": "o", "mfc": "white", "mew": 1.2, "ms": 5, "ls": ""}
@@ -36,8 +35,7 @@ class Line(NamedTuple):
     ends: Double  # mean, low and high there, in shown units, [3, P]; NaN: no band
     look: Mapping[str, Any]  # color, dashes and marker, in matplotlib's words
     base: tuple[float | None, float] | None = None
-    """(x, y) of the ring around the value that others are compared with; a dotted line at this
-    height if x is None; None: there is no such value."""
+    """(x, y) of what others are compared with: a ring; a dotted line if x is None."""
 
 
 class LinePanel(NamedTuple):
@@ -47,13 +45,11 @@ class LinePanel(NamedTuple):
     lines: Sequence[Line]  # in the order of the legend
     xlabel: str = ""  # of the horizontal axis
     ylabel: str = ""  # of the vertical axis
-    levels: Mapping[str, float] = {}
-    """Label -> height of a dashed line, such as the mean of the data."""
+    levels: Mapping[str, float] = {}  # label -> height of a dashed line, as the mean of the data
     limits: tuple[float, float] | None = None  # of the vertical axis; None: as far as lines reach
     xscale: str = "linear"  # such as `log`
     yscale: str = "linear"  # such as `symlog`
-    ticks: Mapping[float, str] = {}
-    """Place on the horizontal axis -> its text; empty: chosen by matplotlib."""
+    ticks: Mapping[float, str] = {}  # place on the horizontal axis -> text; empty: matplotlib's
     falls: bool = False  # whether the horizontal axis falls from left to right
     counts: bool = False  # whether it has whole numbers
 
@@ -69,18 +65,11 @@ def plot_lines(
     shares_y: Literal["all", "row", "none"] = "none",
     base: str | None = None,
 ) -> None:
-    """Draws panels in rows.
+    """Draws panels in rows from the top, each `height` inches high; rows may differ in length.
 
-    Args:
-        rows: from the top; they may differ in length.
-        path: where to save.
-        height: of a panel, inches.
-        xlabel: of all panels.
-        ylabel: of all panels.
-        shares_x: whether the panels of a column have the same horizontal axis.
-        shares_y: which panels have the same vertical axis.
-        base: what rings are, for a legend above the panels; None: lines have their names at their
-            ends, and there is no legend.
+    The panels of a column may share the horizontal axis, all or those of a row the vertical one.
+    `base` says what rings are, in a legend above the panels; without it, there is no legend, and
+    lines have their names at their ends.
     """
     lines = [line for row in rows for panel in row for line in panel.lines]
     if not lines or not all(len(line.x) for line in lines):
@@ -90,20 +79,19 @@ def plot_lines(
     with figure(path, width=width, height=0.5 + (height + 0.35) * len(rows)) as drawing:
         shared = {"sharey": shares_y, "sharex": "col" if shares_x else False}
         grid = drawing.subplots(len(rows), n_columns, squeeze=False, **shared)
-        pairs = [pair for each in zip(grid, rows, strict=True) for pair in zip_longest(*each)]
-        for axes, panel in pairs:
+        drawn = []
+        for axes, panel in (p for each in zip(grid, rows, strict=True) for p in zip_longest(*each)):
             if panel is None:
                 axes.set_visible(False)
             else:
                 _draw_panel(axes, panel)
-        if base is None:  # all lines are drawn, so the limits of shared axes are final
-            for axes, panel in pairs:
-                if panel is not None:
-                    axes.autoscale_view()  # which waits for the drawing otherwise
-                    named = [x for x in axes.get_lines() if not x.get_label().startswith("_")]
-                    label_ends(axes, named, height)
-        else:
+                drawn.append(axes)
+        if base is not None:
             draw_legend(drawing, _handles(grid[0, 0], lines, base))
+        for axes in drawn if base is None else ():  # the limits of shared axes are final
+            axes.autoscale_view()  # which waits for the drawing otherwise
+            named = [line for line in axes.get_lines() if not line.get_label().startswith("_")]
+            label_ends(axes, named, height)
         drawing.supxlabel(xlabel, fontsize=8)
         drawing.supylabel(ylabel, fontsize=8)
 

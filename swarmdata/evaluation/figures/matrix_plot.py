@@ -8,14 +8,11 @@ from swarmdata.drawing.style import GRAY, INK, PAGE_WIDTH, figure, words_of
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import LOWEST_ROW, SCREEN_HEIGHT
 
-WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"
-"""Ends and middle of the scale, safe for color-blind readers."""
+WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"  # safe for color-blind readers
 
-LEAST_CONTRAST = 0.6
-"""Of the scale, from where letters are white."""
+LEAST_CONTRAST = 0.6  # of the scale, from where letters are white
 
-ROW, GAP = 0.19, 0.3
-"""Inches: height of a row; space between two groups, in rows or columns."""
+ROW, GAP = 0.19, 0.3  # inches: height of a row; space between two groups, in rows or columns
 
 WIDEST_COLUMN = 0.62  # inches
 SCALE_WIDTH = 1.5  # inches, of the color bar
@@ -30,8 +27,7 @@ class MatrixCell(NamedTuple):
     is_framed: bool = False  # whether it has a frame and bold letters
 
 
-Groups = Mapping[str, Sequence[str]]
-"""Title of a group -> keys of its rows or columns, in their order."""
+Groups = Mapping[str, Sequence[str]]  # title -> keys of rows or columns, in their order
 
 
 class Notes(NamedTuple):
@@ -52,14 +48,9 @@ def plot_matrix(
     path: Path,
     notes: Notes,
 ) -> None:
-    """Draws a matrix with names on all sides and a color bar.
+    """Draws a matrix of cells by row and column with a color bar; what is absent is a dot.
 
-    Args:
-        cells: (row, column) -> number; what is absent is a dot.
-        rows: from the top.
-        columns: from the left; of a key `group: name`, only the name is shown.
-        path: where to save.
-        notes: on colors and frames.
+    Rows are from the top; of a column's key `group: name`, only the name is shown.
     """
     if not cells:
         raise SchemaError("there are no cells to draw, expected at least one.")
@@ -158,7 +149,6 @@ def number(value: float) -> str:
 
 
 def _name_rows(axes: Any, size: _Layout, notes: Notes) -> None:
-    """Names and numbers beside rows."""
     edge, room = -0.06 / size.column, 0.35 / size.column * bool(notes.side)
     for name, y in size.ys.items():
         _write(axes, edge - room, y + 0.5, words_of(name), ha="right")
@@ -183,7 +173,6 @@ def _name_columns(axes: Any, columns: Groups, size: _Layout, notes: Notes) -> No
 
 
 def _draw_scale(axes: Any, scale: Any, size: _Layout, notes: Notes) -> None:
-    """The color bar with its ends, and the note below it."""
     from matplotlib.patches import Rectangle  # noqa: PLC0415  (matplotlib is an extra)
 
     note = 0.17 * bool(notes.below)

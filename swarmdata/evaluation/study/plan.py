@@ -1,6 +1,6 @@
 """The plan of a study: which algorithms are compared on which datasets, and how."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -11,8 +11,7 @@ from swarmdata.specs.plain_names import Text, repeated
 
 MOST_SEEDS = 1_000
 
-MOST_SHIFTED_EPISODES = 200
-"""Seeds in each other condition, unless a plan says otherwise or has fewer itself."""
+MOST_SHIFTED_EPISODES = 200  # in other conditions, unless a plan says otherwise or has fewer
 
 Label = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$", max_length=48)]
 Count = Annotated[int, Field(ge=1, le=10**12)]
@@ -24,12 +23,8 @@ Seeds = Annotated[
     tuple[Annotated[int, Field(ge=0, lt=1 << 32)], ...], Field(min_length=1, max_length=MOST_SEEDS)
 ]
 
-Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]
-"""Of a dataset: all of it, its published mini (5 %), or a number of joint steps from the start."""
-
-
-Parts = Annotated[dict[str, Positive], Field(min_length=2, max_length=100)]
-"""Of a mixture: weights of datasets, by id or folder."""
+Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]  # or joint steps from the start
+Parts = Annotated[dict[str, Positive], Field(min_length=2, max_length=100)]  # weights of datasets
 
 
 class Variant(Frozen):
@@ -83,7 +78,7 @@ class View(Frozen):
 
     observation: str | None = None  # name of the observation model
     communication: str | None = None  # name of the communication model
-    against: Label | None = None  # the view that it is compared with; None: the first
+    against: Label | None = None  # of older plans; without effect
 
     @property
     def models(self) -> tuple[str | None, str | None]:
@@ -168,7 +163,6 @@ def _by_label(value: Any) -> Any:
 
 
 def _first_seeds(value: Any) -> Any:
-    """A number of seeds means 0, 1, ..."""
     is_number = isinstance(value, int) and not isinstance(value, bool)
     if is_number and not 1 <= value <= MOST_SEEDS:
         raise ValueError(f"{value} seeds, expected from 1 to {MOST_SEEDS}, or a list of seeds")
@@ -211,66 +205,54 @@ class Study(Frozen):
             raise ValueError(
                 f"{twice} are labels of both offline and online algorithms; rename one of each pair"
             )
-        parts: list[tuple[str, Names, Names]] = []
-        if self.sizes:
-            parts.append(("sizes", self.sizes.datasets, self.sizes.algorithms))
-        if self.information:
-            seen = self.information
-            parts.append(("information", seen.datasets, seen.algorithms))
-            _check_known("information.transfer", seen.transfer, seen.algorithms)
-        if self.tasks:
-            parts.append(("tasks", self.tasks.datasets, self.tasks.algorithms))
-        parts += [(f"losses.{k}", v.datasets, v.algorithms) for k, v in self.losses.items()]
+        views = self.information
+        parts: list[tuple[str, Names, Names]] = [
+            (where, part.datasets, part.algorithms)
+            for where, part in {"sizes": self.sizes, "information": views, "tasks": self.tasks,
+                                **{f"losses.{k}": v for k, v in self.losses.items()}}.items()
+            if part is not None
+        ]  # fmt: skip
         parts += [(f"sweeps.{k}", (v.dataset,), ()) for k, v in self.sweeps.items()]
-        if self.curves:
-            parts.append(("curves", self.curves.datasets, ()))
+        parts += [("curves", self.curves.datasets, ())] if self.curves else []
+        parts += [(f"algorithms.{k}", v.datasets, ()) for k, v in self.algorithms.items()]
         for where, datasets, labels in parts:
             _check_known(f"{where}.datasets", datasets, self.datasets)
-            _check_known(f"{where}.algorithms", labels, tuple(self.algorithms))
-        for label, variant in self.algorithms.items():
-            _check_known(f"algorithms.{label}.datasets", variant.datasets, self.datasets)
+            _check_known(f"{where}.algorithms", labels, self.algorithms)
         for label, sweep in self.sweeps.items():
             _check_known(f"sweeps.{label}.families", sweep.families, self.families)
+        if views:
+            _check_known("information.transfer", views.transfer, views.algorithms)
+            _check_known("information.online", views.online, self.online)
+            for label in views.online:
+                if self.online[label].run is not None:
+                    raise ValueError(
+                        f"information.online has {label}, a finished run, which learned in one "
+                        "view; expected rows that the study trains"
+                    )
         return self
 
     @model_validator(mode="after")
     def _mixtures_are_trained_on_as_they_are(self) -> Self:
-        _check_known("mixtures", tuple(self.mixtures), self.datasets)
+        _check_known("mixtures", self.mixtures, self.datasets)
         for name in self.mixtures:
             if self.sizes and name in self.sizes.datasets:
                 raise ValueError(f"sizes.datasets has the mixture {name}, expected single datasets")
-            changed = [k for k, row in self.algorithms.items() if row.rewards and self.has(k, name)]
-            if changed:
-                raise ValueError(
-                    f"{changed[0]} has rewards and learns from the mixture {name}, which a study "
-                    "mixes with the recorded rewards only; name the datasets of that row"
-                )
+            for label, row in self.algorithms.items():
+                if row.rewards and self.has(label, name):
+                    raise ValueError(
+                        f"{label} has rewards and learns from the mixture {name}, which a study "
+                        "mixes with the recorded rewards only; name the datasets of that row"
+                    )
         return self
 
     @model_validator(mode="after")
-    def _views_differ_and_are_compared_with_others(self) -> Self:
+    def _views_differ(self) -> Self:
+        seen: dict[tuple[str | None, str | None], str] = {}
         views = self.information.views if self.information else {}
-        models = [view.models for view in views.values()]
-        for k, (label, view) in enumerate(views.items()):
-            others = tuple(name for name in views if name != label)
-            wanted = (view.against,) if view.against else ()
-            _check_known(f"information.views.{label}.against", wanted, others)
-            if models.index(models[k]) < k:
+        for label, view in views.items():
+            if (same := seen.setdefault(view.models, label)) != label:
                 raise ValueError(
-                    f"information.views: {label} has the models of "
-                    f"{list(views)[models.index(models[k])]}; leave one of them out"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _online_rows_learn_in_views(self) -> Self:
-        labels = self.information.online if self.information else ()
-        _check_known("information.online", labels, tuple(self.online))
-        for label in labels:
-            if self.online[label].run is not None:
-                raise ValueError(
-                    f"information.online has {label}, a finished run, which learned in one view; "
-                    "expected rows that the study trains"
+                    f"information.views: {label} has the models of {same}; leave one of them out"
                 )
         return self
 
@@ -279,7 +261,7 @@ class Study(Frozen):
         for name, plan in self.differences.items():
             for one, other in plan.pairs:
                 where = f"differences.{name}"
-                _check_known(where, (one, other), tuple(self.algorithms))
+                _check_known(where, (one, other), self.algorithms)
                 if one == other:
                     raise ValueError(f"{where} compares {one!r} with itself, expected another row")
                 if plan.doubling:
@@ -310,7 +292,7 @@ class Study(Frozen):
         return tuple(dict.fromkeys(variant.family for variant in self.algorithms.values()))
 
 
-def _check_known(where: str, names: Names, known: Names) -> None:
+def _check_known(where: str, names: Iterable[str], known: Iterable[str]) -> None:
     for name in names:
         if name not in known:
             raise ValueError(f"{where} has {name!r}, which the study lacks: {', '.join(known)}")

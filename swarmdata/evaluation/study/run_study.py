@@ -1,28 +1,41 @@
-"""Runs a study: trains and evaluates its cells, sweeps the best ones, and writes the pages."""
+"""Runs a study: its cells, the best ones in other conditions, its pages, and a cell again."""
 
+import tempfile
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
+
+import numpy as np
 
 from swarmdata.errors import StudyError, UnknownNameError
+from swarmdata.evaluation.results.result_files import load_result
+from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
 from swarmdata.evaluation.runs.job_options import JobOptions
-from swarmdata.evaluation.study.cells.cells import DONE_FILE, Cell, cells_of
+from swarmdata.evaluation.study.cells.cell_worker import run_cell
+from swarmdata.evaluation.study.cells.cells import DONE_FILE, RESULTS_FOLDER, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
-from swarmdata.evaluation.study.pages.study_folder import STUDY, remove_sweeps, write_pages
+from swarmdata.evaluation.study.pages.study_folder import STUDY, remove_left, write_pages
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.reproduction import Comparison, reproduce_cell
-from swarmdata.evaluation.study.shifts.shift_table import TASKS_FILE, TRANSFER_FILE, Shifted
+from swarmdata.evaluation.study.shifts.shift import (
+    TASKS_FILE,
+    TRANSFER_FILE,
+    estimate_shifts,
+    plan_other_tasks,
+    plan_transfers,
+    run_shifts,
+)
+from swarmdata.evaluation.study.shifts.sweeps import SWEEPS_FOLDER, plan_sweeps, run_sweeps
+from swarmdata.learn.networks.setup import check_device
+from swarmdata.learn.training.run_files import LOSSES, read_table
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.output_folder import check_output, filled
-
-if TYPE_CHECKING:
-    from swarmdata.evaluation.study.shifts.sweeps import PlannedSweep
+from swarmdata.types import Double
 
 
 @dataclass(frozen=True)
@@ -32,14 +45,9 @@ class StudyOptions:
     out: Path  # folder of tables and figures
     work: Path | None = None  # folder of cells; None: `runs/study-<name>`
     workers: int = 2  # processes of the engine `local`
-    engine: str | Executor = LOCAL
-    """Where cells run and policies are evaluated in other conditions, as `build` takes it."""
-    only: str | None = None
-    """Pattern of the cells to run, such as `bc/*`; sweeps and evaluations in other views and tasks
-    are skipped then."""
-    shifts_only: bool = False
-    """Whether no cell of the grid is run, only sweeps, and finished cells in other views and
-    tasks."""
+    engine: str | Executor = LOCAL  # where jobs run, as `build` takes it
+    only: str | None = None  # pattern of cells to run, such as `bc/*`, without other conditions
+    shifts_only: bool = False  # whether finished cells are run in other conditions, and no others
     again: bool = False  # whether stale cells are deleted and run again
     progress: bool = True  # whether to show progress bars
 
@@ -75,15 +83,10 @@ def run_study(
         UnknownNameError: no such algorithm, setting, dataset or cell.
     """
     check_output(options.out, STUDY)
-    if study.tasks:
-        for task in study.tasks.tasks:
-            find_spec(task)  # an unknown one is refused before the training
-    if study.device != "cpu":
-        from swarmdata.learn.networks.setup import check_device  # noqa: PLC0415  (torch)
-
-        check_device(study.device)
-    cells = all_cells(study, progress=options.progress)
-    work = options.work_of(study)
+    for task in study.tasks.tasks if study.tasks else ():
+        find_spec(task)  # an unknown one is refused before the training
+    check_device(study.device)
+    cells, work = all_cells(study, progress=options.progress), options.work_of(study)
     chosen = [] if options.shifts_only else select_cells(cells, options.only)
     failures = run_cells(chosen, work, again=options.again, **options.jobs)
     measure = options.only is None
@@ -106,56 +109,28 @@ def _collect(
 
 
 def _swept_cells(found: Findings) -> list[Cell]:
-    """The cells of the sweeps whose dataset has results."""
-    return [cell for sweep in _planned_sweeps(found) for cell in sweep.cells]
-
-
-def _planned_sweeps(found: Findings) -> "list[PlannedSweep]":
-    """The sweeps whose dataset has results."""
-    if not found.study.sweeps:
-        return []
-    from swarmdata.evaluation.study.shifts.sweeps import plan_sweeps  # noqa: PLC0415  (torch)
-
-    return plan_sweeps(found, digest_of)
+    return [cell for sweep in plan_sweeps(found) for cell in sweep.cells]
 
 
 def _write_pages(
     found: Findings, options: StudyOptions, command: str, *, measure: bool
 ) -> list[Path]:
-    """Writes the pages with what policies reach in other conditions."""
+    work, jobs = found.work, options.jobs
     if found.study.sweeps:
-        from swarmdata.evaluation.study.shifts.sweeps import run_sweeps  # noqa: PLC0415  (torch)
-
         ready = [
             sweep
-            for sweep in _planned_sweeps(found)
-            if (sweep.is_ready(found.work) if measure else sweep.is_measured(found.work))
+            for sweep in plan_sweeps(found)
+            if (sweep.is_ready(work) if measure else sweep.is_measured(work))
         ]
-        remove_sweeps(options.out, found.study.sweeps.keys() - {sweep.label for sweep in ready})
+        others = found.study.sweeps.keys() - {sweep.label for sweep in ready}
+        remove_left(options.out, {f"{SWEEPS_FOLDER}/{k}/{SWEEP_FILE}" for k in others})
         with filled(options.out, STUDY) as folder:
-            run_sweeps(ready, found.work, folder, **options.jobs)
-    shifts = _used_elsewhere(found, options, measure=measure)
-    return write_pages(found, options.out, command, shifts)
-
-
-def _used_elsewhere(
-    found: Findings, options: StudyOptions, *, measure: bool
-) -> dict[str, list[Shifted]]:
-    """What policies reach in the other views and tasks of the plan, by the name of the file."""
-    # imported late: they need torch
-    from swarmdata.evaluation.study.shifts.shift import (  # noqa: PLC0415  (torch)
-        estimate_shifts,
-        plan_other_tasks,
-        plan_transfers,
-        run_shifts,
-    )
-
+            run_sweeps(ready, work, folder, **jobs)
     shifts = {TRANSFER_FILE: plan_transfers(found), TASKS_FILE: plan_other_tasks(found)}
     if measure:
-        run_shifts([shift for each in shifts.values() for shift in each], **options.jobs)
+        run_shifts([shift for each in shifts.values() for shift in each], **jobs)
     rows = {name: estimate_shifts(found, each) for name, each in shifts.items()}
-    # where nothing was evaluated yet, it says nothing that some policies do not fit
-    return {name: each if any(row.estimates for row in each) else [] for name, each in rows.items()}
+    return write_pages(found, options.out, command, rows)
 
 
 def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
@@ -168,9 +143,6 @@ def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
         StaleCellError: its folder has results of another configuration.
         SwarmdataError: training or evaluation failed.
     """
-    # imported late: it needs torch
-    from swarmdata.evaluation.study.cells.cell_worker import run_cell  # noqa: PLC0415  (torch)
-
     cells = {cell.name: cell for cell in list_cells(study, options).cells}
     if name not in cells:
         raise UnknownNameError("cell", name, cells)
@@ -203,20 +175,89 @@ def list_cells(study: Study, options: StudyOptions) -> CellList:
     )
     by_name = {cell.name: cell for cell in cells}
     if len(waiting) < len(study.sweeps):
-        for planned in _planned_sweeps(collect_findings(study, cells, work, {})):
+        for planned in plan_sweeps(collect_findings(study, cells, work, {})):
             if planned.label not in waiting:
                 by_name |= {cell.name: cell for cell in planned.cells}  # some are in the grid
     return CellList(tuple(by_name.values()), waiting)
 
 
-def all_cells(study: Study, *, progress: bool = True) -> list[Cell]:
+def all_cells(study: Study, *, progress: bool) -> list[Cell]:
     """Returns the cells of a study's grid; data without a published digest are built to get one."""
+    return cells_of(study, cache(partial(digest_of, progress=progress)))
 
-    @cache
-    def digest(dataset: str) -> str:
-        return digest_of(dataset, progress=progress)
 
-    return cells_of(study, digest)
+class Comparison(NamedTuple):
+    """Two runs of the same cell."""
+
+    cell: str  # its name
+    n_values: int  # of results: seeds times episodes times metrics
+    n_different: int
+    largest_difference: float  # of two values that both runs define
+    n_one_sided: int  # values that one run defines and the other does not, among the different
+    first_differing_update: int | None  # of the losses; None: all are equal, or nothing was trained
+
+    @property
+    def is_same(self) -> bool:
+        """Whether results and losses have the same bits."""
+        return self.n_different == 0 and self.first_differing_update is None
+
+    def sentence(self) -> str:
+        """The comparison in words."""
+        if self.is_same:
+            return f"{self.cell}: all {self.n_values:,} values and all losses are the same."
+        first, alone = self.first_differing_update, self.n_one_sided
+        one_sided = f" (only one run defines {alone:,} of them)" if alone else ""
+        losses = "losses are equal" if first is None else f"losses differ from update {first:,} on"
+        return (
+            f"{self.cell}: {self.n_different:,} of {self.n_values:,} values differ, by at most "
+            f"{self.largest_difference:g}{one_sided}; {losses}. Equal bits are promised only on "
+            "the same machine with the same versions."
+        )
+
+
+def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
+    """Runs a finished cell again in a temporary folder, from its recorded configuration.
+
+    Raises:
+        StudyError: the cell is not finished, or fails this time.
+    """
+    if not (folder / DONE_FILE).exists():
+        raise StudyError(f"{folder} holds no finished cell. Run the study first.")
+    cell = Cell.in_folder(folder)
+    with tempfile.TemporaryDirectory(prefix="swarmdata-check-") as temporary:
+        failures = run_cells([cell], Path(temporary), workers=1, progress=progress)
+        if failures:
+            raise StudyError(f"{cell.name} failed when it was run again: {failures[cell.name]}")
+        again = cell.folder(Path(temporary))
+        differences = _result_differences(folder / RESULTS_FOLDER, again / RESULTS_FOLDER)
+        first = _first_difference(cell.run_in(folder) / LOSSES, cell.run_in(again) / LOSSES)
+    return Comparison(
+        cell=cell.name,
+        n_values=len(differences),
+        n_different=int((differences > 0).sum()),
+        largest_difference=float(differences[np.isfinite(differences)].max(initial=0.0)),
+        n_one_sided=int(np.isinf(differences).sum()),
+        first_differing_update=first,
+    )
+
+
+def _result_differences(one: Path, other: Path) -> Double:
+    """Absolute differences of all values; infinity for a value that only one side defines."""
+    found = []
+    for file in sorted(one.glob("*.json")):
+        first, second = load_result(file).evaluation, load_result(other / file.name).evaluation
+        for name, a in first.metrics.items():
+            b = second.metrics[name]
+            both_undefined = np.isnan(a) & np.isnan(b)
+            found.append(np.where(both_undefined, 0.0, np.nan_to_num(np.abs(a - b), nan=np.inf)))
+    return np.concatenate(found)
+
+
+def _first_difference(one: Path, other: Path) -> int | None:
+    if not one.exists():
+        return None
+    pairs = zip(read_table(one), read_table(other), strict=True)
+    return next((int(a["update"]) for a, b in pairs if a != b), None)
 
 
 def reproduce_study_cell(study: Study, name: str, options: StudyOptions) -> Comparison:
@@ -226,10 +267,12 @@ def reproduce_study_cell(study: Study, name: str, options: StudyOptions) -> Comp
         UnknownNameError: no such cell.
         StudyError: it is not finished, or several cells match.
     """
-    work = options.work_of(study)
-    if (work / "cells" / name / DONE_FILE).exists():  # of the grid or of a sweep
-        return reproduce_cell(work / "cells" / name, progress=options.progress)
-    found = select_cells(all_cells(study, progress=options.progress), name)
-    if len(found) > 1:
-        raise StudyError(f"{name!r} matches {len(found)} cells, expected one: {found[0].name}, ...")
-    return reproduce_cell(found[0].folder(work), progress=options.progress)
+    work, folder = options.work_of(study), options.work_of(study) / "cells" / name
+    if not (folder / DONE_FILE).exists():  # neither of the grid nor of a sweep
+        found = select_cells(all_cells(study, progress=options.progress), name)
+        if len(found) > 1:
+            raise StudyError(
+                f"{name!r} matches {len(found)} cells, expected one: {found[0].name}, ..."
+            )
+        folder = found[0].folder(work)
+    return reproduce_cell(folder, progress=options.progress)

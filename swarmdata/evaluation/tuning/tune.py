@@ -1,15 +1,4 @@
-"""Tunes an offline algorithm: the same random search for every one, chosen by two rules.
-
-Trial 0 is the configuration as it is, the others change what is drawn from the algorithm's search
-space (`learn.training.settings`). Each is trained as a cell of a study, with the same seeds and
-updates, on the first episodes of each dataset. Rule A chooses by the mean score over validation
-episodes, where the data have a simulator; rule B by the data alone: fitted Q evaluation, of which
-the least of several fits is trusted, at the lower end of its interval (`policy_selection`).
-
-Random search is that of Bergstra & Bengio, "Random Search for Hyper-Parameter Optimization", JMLR
-2012; equal numbers of trials for every algorithm are what makes a comparison of them fair (Dodge et
-al., "Show Your Work: Improved Reporting of Experimental Results", EMNLP 2019).
-"""
+"""Tunes an offline algorithm: the same random search for every one, chosen by two rules."""
 
 import dataclasses
 import json
@@ -17,34 +6,44 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Unpack
+
+import numpy as np
 
 from swarmdata import __version__
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ResultsError, SpecError
+from swarmdata.evaluation.policy_selection.rank import rank
+from swarmdata.evaluation.policy_selection.ranking_record import Ranking
 from swarmdata.evaluation.results.result_set import group_results, reference_of
+from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
 from swarmdata.evaluation.runs.portable_names import portable_name
 from swarmdata.evaluation.study.cells.cells import Cell, offline_cell
 from swarmdata.evaluation.study.cells.run_cells import run_cells
-from swarmdata.evaluation.study.cells.study_data import short_name
+from swarmdata.evaluation.study.cells.study_data import open_dataset, short_name
 from swarmdata.evaluation.study.pages.collect_results import results_of
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.tuning.trial_estimates import (
-    read_estimates,
-    run_estimates,
-    why_without,
-    why_without_data,
-)
-from swarmdata.evaluation.tuning.tuning_record import CELLS, TUNING, Trial, Tuning
+from swarmdata.evaluation.tuning.tuning_record import CELLS, ESTIMATES, TUNING, Trial, Tuning
 from swarmdata.hub.catalog.catalog import load
+from swarmdata.learn.evaluation.fqe import FQEConfig
+from swarmdata.learn.evaluation.transitions import Actor
+from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.settings import drawn_settings, space_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
+from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.output_folder import check_output
 from swarmdata.specs.plain_names import repeated
+from swarmdata.store.split_rule import empty_validation
 
-DEFAULT_UPDATES = 4_500
-"""Of each trial; 0.7 epochs of a million joint steps with batches of 128, 3.6 of 200,000."""
+DEFAULT_UPDATES = 4_500  # of each trial: with batches of 128, 3.6 epochs of 200,000 joint steps
+
+ESTIMATOR = f"{__name__}:estimator"
+
+RANKING_FOLDER = "ranking"  # of a cell, beside its run and its results
+
+FITS = FQEConfig(hidden=(64, 64), n_fits=3)  # as cheap as one; the least is trusted
 
 
 def tune(
@@ -67,6 +66,11 @@ def tune(
     progress: bool = True,
 ) -> Tuning:
     """Searches settings of an offline algorithm; the same call resumes, also with more trials.
+
+    Trial 0 is the configuration as it is, the others change what is drawn from the algorithm's
+    search space: the random search of Bergstra & Bengio, "Random Search for Hyper-Parameter
+    Optimization", JMLR 2012. Rule A chooses by the mean score over validation episodes, where the
+    data have a simulator; rule B by fitted Q evaluation on the data alone.
 
     Writes the settings that the rules chose, `validation.yaml` and `offline.yaml`, which `train
     --config` takes, `trials.csv`, the expected score over the number of trials (`curve.csv`,
@@ -140,7 +144,6 @@ def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
 
 
 def _drawn(algorithm: str, n_trials: int, seed: int) -> list[dict[str, Any]]:
-    """What each trial changes, nothing in the first."""
     if n_trials < 2:
         raise SpecError(f"n_trials is {n_trials}, expected at least 2: one is the default")
     space = space_of(resolve("algorithm", OFFLINE_ALGORITHMS, algorithm), algorithm)
@@ -156,7 +159,6 @@ def _study(
     frame: str,
     **plan: Any,
 ) -> Study:
-    """The plan with a row for each trial."""
     if "n_updates" in changes:
         raise SpecError("changes has n_updates, which is the argument n_updates; leave it out")
     if twice := repeated(map(short_name, plan["datasets"])):
@@ -172,7 +174,6 @@ def _study(
 def _cells(
     study: Study, n_steps: int | None, *, progress: bool
 ) -> tuple[list[list[Cell]], Literal["score", "return"]]:
-    """The cells of each trial, one for each dataset, and what trials are compared by."""
     opened = {name: load(name, progress=progress) for name in study.datasets}
     without = [each.id for each in opened.values() if reference_of(each.spec) is None]
     if without and len(opened) > 1:
@@ -180,23 +181,16 @@ def _cells(
             f"{without[0]} has no measured references, so that its returns have no common unit "
             "with the scores of other datasets. Tune on it alone."
         )
-    unit: Literal["score", "return"] = "return" if without else "score"
-    digests = {name: each.digest for name, each in opened.items()}
-    parts: dict[str, int | None] = dict.fromkeys(opened)
-    for name, each in opened.items():
-        if n_steps is not None and each.episodes.lengths[:-1].sum() >= n_steps:
-            parts[name] = n_steps  # of fewer steps, all are kept
-    cells = [
-        [
-            offline_cell(study, label, name, digests.__getitem__, n_steps=part)
-            for name, part in parts.items()
-        ]
-        for label in study.algorithms
-    ]
-    if all(each.spec.world for each in opened.values()):
-        return cells, unit
-    unscored = {"n_episodes": 0}
-    return [[cell.model_copy(update=unscored) for cell in trial] for trial in cells], unit
+    is_simulated = all(each.spec.world for each in opened.values())
+
+    def cell(label: str, name: str, data: Dataset) -> Cell:
+        is_cut = n_steps is not None and data.episodes.lengths[:-1].sum() >= n_steps
+        part = n_steps if is_cut else None  # of fewer steps, all are kept
+        made = offline_cell(study, label, name, lambda _: data.digest, n_steps=part)
+        return made if is_simulated else made.model_copy(update={"n_episodes": 0})
+
+    cells = [[cell(label, *each) for each in opened.items()] for label in study.algorithms]
+    return cells, "return" if without else "score"
 
 
 def _tuning(
@@ -207,7 +201,6 @@ def _tuning(
     failures: Mapping[str, str],
     silent: str | None,
 ) -> Tuning:
-    """The record of trials, given what each changes, its cells, and why there are no estimates."""
     first = cells[0][0]
     return Tuning(
         code_version=__version__,
@@ -233,10 +226,9 @@ def _trial(
     *,
     is_estimated: bool,
 ) -> Trial:
-    """A trial with its scores and estimates."""
     failed = [failures[cell.name] for cell in cells if cell.name in failures]
-    known = [] if failed else cells
-    kind, config = resolve("algorithm", OFFLINE_ALGORITHMS, cells[0].algorithm), cells[0].config
+    known, config = [] if failed else cells, cells[0].config
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, cells[0].algorithm)
     defaults = json.loads(json.dumps(dataclasses.asdict(kind.Config())))
     return Trial(
         settings=settings,
@@ -253,3 +245,62 @@ def _score(cell: Cell, work: Path) -> float:
     is_scored = case.reference is not None
     values = case.scores(cell.label) if is_scored else case.metric(cell.label, "return")
     return float(values.mean())
+
+
+def why_without(cells: Sequence[Cell], work: Path) -> str | None:
+    """Why policies of trained cells cannot be estimated from their data; None where they can."""
+    policies = load_run(cells[0].run_in(cells[0].folder(work)))
+    if not isinstance(policies[0], Actor):
+        return (
+            f"the policies of {cells[0].algorithm} draw their actions or remember, so that what "
+            "they would have done in recorded states is not known."
+        )
+    return why_without_data(cells)
+
+
+def why_without_data(cells: Sequence[Cell]) -> str | None:
+    """Why no policy can be estimated from the cells' data; None where that is possible."""
+    for source, n_steps in {(cell.source, cell.n_steps) for cell in cells}:
+        dataset = open_dataset(source, n_steps)
+        if not len(dataset.split("validation")):
+            return f"{dataset.id}: {empty_validation(len(dataset))}"
+    return None
+
+
+def run_estimates(cells: Sequence[Cell], work: Path, **options: Unpack[JobOptions]) -> None:
+    """Ranks the policies of trained cells without a ranking; raises BatchError if some fail."""
+    jobs = [
+        Job(f"estimates of {cell.name}", {"folder": str(cell.folder(work).resolve())})
+        for cell in cells
+        if not _ranking_file(cell, work).exists()
+    ]
+    do_with_bar(jobs, ESTIMATOR, "estimates", work, total=len(jobs), **options)
+
+
+def read_estimates(cell: Cell, work: Path) -> dict[str, float]:
+    """The criteria of a cell's policies, means over seeds, by name."""
+    policies = Ranking.from_file(_ranking_file(cell, work)).policies
+    return {
+        name: float(np.mean([getattr(policy, name) for policy in policies])) for name in ESTIMATES
+    }
+
+
+def _ranking_file(cell: Cell, work: Path) -> Path:
+    return cell.folder(work) / RANKING_FOLDER / "ranking.json"
+
+
+def estimator() -> Handler:
+    """Returns what ranks the policies of one cell in a process."""
+
+    def handle(payload: dict[str, Any], report: Report) -> None:
+        folder = Path(payload["folder"])
+        cell = Cell.in_folder(folder)
+        dataset = open_dataset(cell.source, cell.n_steps)
+        made = rank(
+            [cell.run_in(folder)], dataset_id=str(dataset.path), config=FITS, device=cell.device,
+            progress=False,
+        )  # fmt: skip
+        made.write(folder / RANKING_FOLDER)
+        report(1)
+
+    return handle

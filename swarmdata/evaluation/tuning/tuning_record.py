@@ -21,8 +21,7 @@ from swarmdata.types import Double
 
 TUNING = OutputKind("tuning")
 
-CELLS = "cells"
-"""The folder of trainings and their results, beside what is written from them."""
+CELLS = "cells"  # the folder of trainings and their results, beside what is written from them
 
 Rule = Literal["validation", "offline"]
 
@@ -101,8 +100,7 @@ class Tuning(Frozen):
     def curve(self, rule: Rule) -> Double:
         """The expected score of what a rule chooses of k trials, for k from 1 to n, [n]."""
         is_known = [each.failure is None for each in self.trials]
-        worst = self.scores[is_known].min()
-        scores = np.where(is_known, self.scores, worst)
+        scores = np.where(is_known, self.scores, self.scores[is_known].min())
         return expected_scores(self.criterion(rule), scores)
 
     def write(self, folder: Path) -> None:
@@ -145,32 +143,21 @@ class Tuning(Frozen):
 
     def to_markdown(self) -> str:
         """The page: both choices with their scores, and how they were found."""
-        head, rows = self._choices()
-        parts = [
-            f"# Tuning of {self.algorithm}\n",
-            markdown.table(head, rows),
-            self.caption,
-        ]
+        parts = [f"# Tuning of {self.algorithm}\n", markdown.table(*self._choices()), self.caption]
         if self.n_episodes:
             parts.append("\n![expected score of what k trials end with](curve.png)\n")
         return "\n".join(parts)
 
     def _choices(self) -> tuple[list[str], list[list[str]]]:
-        """Head and rows of a table of the default and of both choices."""
         numbers = {"the configuration as it is": 0}
         numbers |= {f"chosen by {RULES[rule]}": self.choice(rule) for rule in self.rules}
         estimated = (f"{ESTIMATES[0]} of {name}" for name in self.datasets)
         shown = (self.unit, *self.datasets) if self.n_episodes else (*estimated,)
         head = ["", "trial", *shown, "settings"]
-        rows = [
-            [
-                words,
-                str(k),
-                *self._numbers(self.trials[k]),
-                ", ".join(f"{key}={value}" for key, value in self.trials[k].settings.items()),
-            ]
-            for words, k in numbers.items()
-        ]
+        rows = []
+        for words, k in numbers.items():
+            settings = (f"{key}={value}" for key, value in self.trials[k].settings.items())
+            rows.append([words, str(k), *self._numbers(self.trials[k]), ", ".join(settings)])
         return head, rows
 
     def _numbers(self, trial: Trial) -> list[str]:

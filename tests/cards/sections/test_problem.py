@@ -51,9 +51,3 @@ def test_definitions_have_the_numbers_of_the_spec() -> None:
     without = near.with_updates(observation={**near.observation.model_dump(), "ways": False})
     assert "`_way`" not in definitions_section(make_task(without))
     assert not definitions_section(make_task(preset("coop_nav")))
-
-
-def test_unassigned_goals_have_a_shared_reward() -> None:
-    spec = preset("coop_nav-unassigned")
-    assert spec.rules.rewards.team_share == 1
-    assert "Here team_share is 1." in reward_section(make_task(spec))

@@ -4,17 +4,13 @@ import pytest
 
 from swarmdata.cards.sections.origin import tier_section
 from swarmdata.cards.sections.wording import (
-    COMMON_LIMITS,
     STRICT_NOTE,
     TIER_DESCRIPTIONS,
     TIER_LIMITS,
-    limits_of,
 )
-from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, shipped_recipes
 from swarmdata.registry.tiers import STRICT_FAMILIES
-from swarmdata.specs.rules import PACKAGE_RULES
 
 
 def test_shipped_tiers_have_a_meaning_and_limits() -> None:
@@ -54,10 +50,3 @@ def test_cards_of_strict_presets_say_why_fewer_episodes_succeed(name: str) -> No
         own = strict.model_copy(update={"id": "search-own-v0"})
         assert "fewer episodes succeed" not in tier_section(own), "of other policies"
         assert "fewer episodes succeed" not in tier_section(free)
-
-
-@pytest.mark.parametrize("task", PACKAGE_RULES)
-def test_limits_are_those_of_all_the_task_and_the_tier(task: str) -> None:
-    own = preset(task).rules.card_limits
-    assert own
-    assert limits_of(preset(task), "narrow") == (*COMMON_LIMITS, *own, *TIER_LIMITS["narrow"])

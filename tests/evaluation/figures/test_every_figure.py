@@ -26,7 +26,7 @@ from swarmdata.evaluation.robustness.sweep_plots import plot_degradation
 from swarmdata.evaluation.robustness.sweep_tables import read_csv
 from swarmdata.evaluation.study.pages.row_differences import RowDifference, plot_row_differences
 from swarmdata.evaluation.study.pages.training_curves import plot_training_curves
-from swarmdata.evaluation.study.shifts.sweep_sections import plot_sweeps
+from swarmdata.evaluation.study.shifts.sweeps import plot_sweeps
 from tests.evaluation.figures.conftest import Shown
 from tests.support.drawn import label_faults
 from tests.support.measured import at

@@ -1,9 +1,9 @@
 """A study of seconds on a tiny dataset, done in the test's own process."""
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import pytest
 
@@ -18,34 +18,20 @@ from swarmdata.runtime.engines.jobs import Job, OnFailure, Report
 from tests.support.tiny import make_tiny
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
-MADDPG = {
-    "algorithm": "maddpg_bc",
-    "family": "actor-critic",
-    "updates": 10,
-    "settings": {"bc_warmup_share": 0.4},
-}
-
+MADDPG = {"algorithm": "maddpg_bc", "family": "actor-critic", "updates": 10,
+          "settings": {"bc_warmup_share": 0.4}}  # fmt: skip
 
 Make = Callable[..., Study]
 
 
-class Here:
+class Here(nullcontext["Here"]):
     """A crew of this process."""
 
     def __init__(
         self, engine: object, entry: str, *, n_workers: int, folder: Path, renews: bool
     ) -> None:
         assert (entry, renews) == (run_cells.WORKER, True)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None: ...
+        super().__init__(self)
 
     def run(self, jobs: Sequence[Job], progress: Report, on_failure: OnFailure) -> None:
         for job in jobs:

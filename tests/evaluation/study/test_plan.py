@@ -42,10 +42,10 @@ def test_every_row_without_its_ingredient_stands_in_a_pair(file: Path) -> None:
 
 def test_doubling_is_twice_the_updates(make_study: Make) -> None:
     rows = {k: {"algorithm": "bc", "family": "f", "updates": n} for k, n in (("a", 7), ("b", 14))}
-    plan = {"title": "x", "pairs": [["b", "a"]], "doubling": True}
-    assert make_study(algorithms=rows, differences={"x": plan}).differences["x"].doubling
+    study = make_study(algorithms=rows, **compared(["b", "a"], doubling=True))
+    assert study.differences["x"].doubling
     with pytest.raises(SpecError, match="'a' is not 'b' with twice the updates"):
-        make_study(algorithms=rows, differences={"x": {**plan, "pairs": [["a", "b"]]}})
+        make_study(algorithms=rows, **compared(["a", "b"], doubling=True))
 
 
 @given(
@@ -66,6 +66,11 @@ def test_a_study_survives_its_own_yaml(
 
 
 SEEN = {"datasets": [], "algorithms": ["bc"], "views": {"recorded": {}}}
+MIXED = {"mixtures": {"m": {"a": 3, "b": 1}}, "datasets": ["m"]}
+
+
+def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
+    return {"differences": {"x": {"title": "x", "pairs": [*pairs], **plan}}}
 
 
 @pytest.mark.parametrize(
@@ -90,22 +95,8 @@ SEEN = {"datasets": [], "algorithms": ["bc"], "views": {"recorded": {}}}
         ({"mixtures": {"m": {"a": 3, "b": 1}}}, "mixtures has 'm', which the study lacks"),
         ({"mixtures": {"m": {"a": 3}}, "datasets": ["m"]}, "mixtures.m"),
         ({"mixtures": {"m": {"a": 3, "b": 0}}, "datasets": ["m"]}, "mixtures.m.b"),
-        (
-            {
-                "mixtures": {"m": {"a": 3, "b": 1}},
-                "datasets": ["m"],
-                "sizes": {"datasets": ["m"], "algorithms": ["bc"]},
-            },
-            "sizes.datasets has the mixture m",
-        ),
-        (
-            {
-                "mixtures": {"m": {"a": 3, "b": 1}},
-                "datasets": ["m"],
-                "algorithms": {"bc": {"rewards": "safe"}},
-            },
-            "bc has rewards and learns from the mixture m",
-        ),
+        ({**MIXED, "sizes": {"datasets": ["m"], "algorithms": ["bc"]}}, "has the mixture m"),
+        ({**MIXED, "algorithms": {"bc": {"rewards": "safe"}}}, "bc has rewards and learns from"),
         (
             {"losses": {"q": {"column": "q", "label": "q", "datasets": [], "algorithms": ["x"]}}},
             "losses.q.algorithms has 'x', which the study lacks: bc, other",
@@ -114,17 +105,14 @@ SEEN = {"datasets": [], "algorithms": ["bc"], "views": {"recorded": {}}}
             {"sweeps": {"s": {"dataset": "x", "vary": "communication", "axis": "drop=0..1"}}},
             "sweeps.s.datasets has 'x'",
         ),
-        ({"differences": {"x": {"title": "x", "pairs": [["bc", "y"]]}}}, "differences.x has 'y'"),
-        (
-            {"differences": {"x": {"title": "x", "pairs": [["bc", "bc"]]}}},
-            "compares 'bc' with itself",
-        ),
-        ({"differences": {"x": {"title": "x", "pairs": []}}}, "differences.x.pairs"),
-        (
-            {"differences": {"x": {"title": "x", "pairs": [["other", "bc"]], "doubling": True}}},
-            "'other' is not 'bc' with twice the updates",
-        ),
+        (compared(["bc", "y"]), "differences.x has 'y'"),
+        (compared(["bc", "bc"]), "compares 'bc' with itself"),
+        (compared(), "differences.x.pairs"),
+        (compared(["other", "bc"], doubling=True), "'other' is not 'bc' with twice the updates"),
         ({"algorithms": {"a/b": {"algorithm": "bc", "family": "f"}}}, "algorithms"),
+        ({"algorithms": ["bc", "bc"]}, "algorithms are named twice: bc"),
+        ({"algorithms": []}, "algorithms"),
+        ({"seeds": 0}, "seeds: 0 seeds, expected from 1 to 1000"),
     ],
 )
 def test_what_does_not_fit_is_refused(
@@ -149,43 +137,23 @@ def test_families_keep_the_order_of_the_file(make_study: Make) -> None:
     assert make_study(algorithms=named).families == ("b", "a")
 
 
-def test_algorithms_may_be_a_list_and_seeds_a_number() -> None:
-    short = Study.parse(
-        {"name": "mine", "datasets": ["coop_nav-medium"], "algorithms": ["bc", "iql"], "seeds": 2}
-    )
+def test_algorithms_may_be_a_list_or_rows_without_a_name_and_seeds_a_number(
+    make_study: Make,
+) -> None:
+    short = make_study(algorithms=["bc", "iql"], seeds=2)
     assert short.seeds == (0, 1)
     rows = {label: (row.algorithm, row.family) for label, row in short.algorithms.items()}
     assert rows == {"bc": ("bc", "bc"), "iql": ("iql", "iql")}
     assert Study.from_text(short.to_yaml()) == short
-
-
-def test_a_row_is_of_the_algorithm_of_its_label_unless_it_says_another() -> None:
-    rows = {"bc": {"updates": 100}, "bc-long": {"algorithm": "bc", "family": "imitation"}}
-    study = Study.parse({"name": "mine", "datasets": ["coop_nav-medium"], "algorithms": rows})
-    assert (study.algorithms["bc"].algorithm, study.algorithms["bc"].updates) == ("bc", 100)
-    assert study.algorithms["bc-long"].family == "imitation"
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"seeds": 0}, "seeds: 0 seeds, expected from 1 to 1000"),
-        ({"algorithms": ["bc", "bc"]}, "algorithms are named twice: bc"),
-        ({"algorithms": []}, "algorithms"),
-    ],
-)
-def test_wrong_short_forms_are_refused(change: dict[str, Any], message: str) -> None:
-    content = {"name": "mine", "datasets": ["coop_nav-medium"], "algorithms": ["bc"], **change}
-    with pytest.raises(SpecError, match=message):
-        Study.parse(content)
+    named = {"bc": {"updates": 100}, "bc-long": {"algorithm": "bc", "family": "imitation"}}
+    own, long = make_study(algorithms=named).algorithms.values()
+    assert (own.algorithm, own.updates, long.family) == ("bc", 100, "imitation")
 
 
 @pytest.mark.parametrize(("of_study", "asked", "expected"), [
     (40, None, 40), (1000, None, 200), (40, 60, 60), (1000, 500, 500),
 ])  # fmt: skip
 def test_other_conditions_have_the_episodes_of_the_study(
-    of_study: int, asked: int | None, expected: int
+    make_study: Make, of_study: int, asked: int | None, expected: int
 ) -> None:
-    content = {"name": "x", "datasets": ["d"], "algorithms": ["bc"], "episodes": of_study}
-    study = Study.parse(content)
-    assert study.shifted_episodes(asked) == expected
+    assert make_study(episodes=of_study).shifted_episodes(asked) == expected

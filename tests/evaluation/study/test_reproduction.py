@@ -11,7 +11,7 @@ from swarmdata.errors import StudyError
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cells_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
-from swarmdata.evaluation.study.reproduction import reproduce_cell
+from swarmdata.evaluation.study.run_study import reproduce_cell
 from tests.evaluation.study.conftest import Make
 
 pytestmark = pytest.mark.usefixtures("here")

@@ -15,7 +15,6 @@ from swarmdata.errors import OutputError, ResultsError, SpecError, StaleCellErro
 from swarmdata.evaluation.results import result_set
 from swarmdata.evaluation.runs.train import read_settings
 from swarmdata.evaluation.study.cells import cell_worker, run_cells
-from swarmdata.evaluation.tuning import trial_estimates
 from swarmdata.evaluation.tuning import tune as tune_module
 from swarmdata.evaluation.tuning.tune import tune
 from swarmdata.evaluation.tuning.tuning_record import Tuning
@@ -50,7 +49,7 @@ def small_tune(data: Path) -> Iterator[Tune]:
     fits = FQEConfig(n_updates=20, hidden=(8,), n_fits=2, batch_size=16)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(run_cells, "open_engine", Here)
-        patch.setattr(trial_estimates, "FITS", fits)
+        patch.setattr(tune_module, "FITS", fits)
         save_empty_figures(patch)
         yield call
 
@@ -116,7 +115,7 @@ def test_a_second_call_trains_nothing_and_more_trials_train_only_these(
 
     monkeypatch.setattr(cell_worker, "train_seeds", count)
     with monkeypatch.context() as patch:
-        patch.setattr(trial_estimates, "rank", lambda *_, **__: pytest.fail("ranked again"))
+        patch.setattr(tune_module, "rank", lambda *_, **__: pytest.fail("ranked again"))
         assert small_tune(out, n_seeds=2) == tuned.made
     assert trained == []
     assert small_tune(out, n_trials=4, n_seeds=2).trials[:3] == tuned.made.trials

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 import resource
 import time
 from collections.abc import Iterator
@@ -15,8 +16,7 @@ from pydantic import Field
 from swarmdata.specs.frozen import Frozen, NonNegative
 from swarmdata.store import write_file
 
-RECORD_INTERVAL = 10.0
-"""Seconds between two records of an attempt."""
+RECORD_INTERVAL = 10.0  # seconds between two records of an attempt
 
 
 class Attempt(Frozen):
@@ -63,28 +63,20 @@ class Cost(Frozen):
 
 def describe_machine() -> dict[str, Any]:
     """The properties of this machine that speed depends on, without its name."""
+    file = Path("/proc/cpuinfo")  # of Linux
+    text = file.read_text(encoding="utf-8") if file.exists() else ""
+    model = re.search(r"^model name[^:\n]*:(.*)", text, re.MULTILINE)
     return {
         "cores": os.cpu_count(),
         "platform": f"{platform.system()}-{platform.machine()}",
-        "processor": _processor(),
+        "processor": model[1].strip() if model else platform.processor() or "unknown",
         "python": platform.python_version(),
         "load": round(os.getloadavg()[0], 1),  # runnable processes at the start
     }
 
 
-def _processor() -> str:
-    """The processor's model, as Linux reports it; on other systems, as Python does."""
-    file = Path("/proc/cpuinfo")
-    lines = file.read_text(encoding="utf-8").splitlines() if file.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return models[0] if models else platform.processor() or "unknown"
-
-
 class CostMeter:
-    """Measures the cost of one cell in this process, from now on; earlier attempts are kept.
-
-    Peak memory is that of the process, which may have run other cells before.
-    """
+    """Measures one cell in this process; its peak memory may be that of cells before it."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

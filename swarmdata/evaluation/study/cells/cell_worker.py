@@ -53,11 +53,9 @@ from swarmdata.runtime.locking import locked
 from swarmdata.specs.model_choice import with_models
 from swarmdata.store import write_file
 
-MIN_LOSS_ROWS = 50
-"""Rows of losses that even a short run has, for its figure."""
+MIN_LOSS_ROWS = 50  # rows of losses that even a short run has, for its figure
 
-MAX_LOG_INTERVAL = 100
-"""Updates between two rows of losses, at most."""
+MAX_LOG_INTERVAL = 100  # updates between two rows of losses, at most
 
 
 def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> None:
@@ -101,14 +99,17 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
     learned: Dataset | Mixture
     if cell.parts:
         dataset = learned = open_mixture(cell.parts, **models)
-        digests = (part.digest for part in dataset.parts)
-        _check_digest(cell, joint_digest(digests, cell.parts.values()))
+        digest = joint_digest((part.digest for part in dataset.parts), cell.parts.values())
     else:
         dataset = whole = open_dataset(cell.source, cell.n_steps, **models)
         learned = whole.with_rewards(**cell.rewards)
         parents = whole.recipe.parents
-        is_part = cell.n_steps is not None and parents
-        _check_digest(cell, parents[0].digest if is_part else whole.digest)
+        digest = parents[0].digest if cell.n_steps is not None and parents else whole.digest
+    if digest != cell.digest:
+        raise SchemaError(
+            f"{cell.source} has digest {digest[:12]}, the study expects {cell.digest[:12]}: it was "
+            "rebuilt with different bits, or has changed since. Fetch the published dataset."
+        )
     if cell.n_episodes:
         _ = dataset.task  # raises now, not after the training, where there is no simulator
     write_file(run.parent / DATA_FILE, DatasetFacts.of(dataset).to_json().encode())
@@ -117,13 +118,14 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
         with meter.stage("curve"):
             return measure_curve_point(policy, dataset.task, cell.curve_episodes)
 
+    log_every = max(1, min(MAX_LOG_INTERVAL, cell.n_updates // MIN_LOSS_ROWS))
     train_seeds(
         cell.algorithm,
         learned.split("train"),
         run,
         seeds=cell.seeds,
         config=_config(OFFLINE_ALGORITHMS, cell),
-        schedule=schedule_of(cell),
+        schedule=Schedule(log_every, 10 * log_every, cell.curve_every),
         evaluate=None if cell.curve_every is None else measure,
         frame=frame_of(dataset.spec, cell.frame),
         device=cell.device,
@@ -131,20 +133,6 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
         report=report,
     )
     compact(run)
-
-
-def _check_digest(cell: Cell, digest: str) -> None:
-    if digest != cell.digest:
-        raise SchemaError(
-            f"{cell.source} has digest {digest[:12]}, the study expects {cell.digest[:12]}: it was "
-            "rebuilt with different bits, or has changed since. Fetch the published dataset."
-        )
-
-
-def schedule_of(cell: Cell) -> Schedule:
-    """Logs losses at least `MIN_LOSS_ROWS` times, and writes a checkpoint after every tenth row."""
-    log_every = max(1, min(MAX_LOG_INTERVAL, cell.n_updates // MIN_LOSS_ROWS))
-    return Schedule(log_every, 10 * log_every, cell.curve_every)
 
 
 def _config(table: Any, cell: Cell) -> Any:

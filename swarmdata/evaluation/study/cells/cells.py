@@ -1,13 +1,4 @@
-"""Cells of a study: one algorithm on one dataset with all seeds, each in a folder of its own.
-
-cell.json   the cell, written first; a folder of another cell is refused
-data.json   what the episodes of its dataset achieved
-LABEL/      the run folder, named like the algorithm's label; once trained, it keeps only policies
-results/    one file per seed
-cost.json   time, memory, speed
-error.txt   the traceback, if the cell failed
-done.json   written last: the cell's key, and the digests of its results
-"""
+"""Cells of a study: one algorithm on one dataset with all seeds, each in a folder of its own."""
 
 import dataclasses
 import hashlib
@@ -35,28 +26,24 @@ from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.specs.frozen import Frozen, describe_differences
 
-CELL_FILE = "cell.json"
-DATA_FILE = "data.json"
-RESULTS_FOLDER = "results"
-COST_FILE = "cost.json"
-ERROR_FILE = "error.txt"
-DONE_FILE = "done.json"
+CELL_FILE = "cell.json"  # the cell, written first; a folder of another cell is refused
+DATA_FILE = "data.json"  # what the episodes of its dataset achieved
+RESULTS_FOLDER = "results"  # one file per seed
+COST_FILE = "cost.json"  # time, memory, speed
+ERROR_FILE = "error.txt"  # the traceback, if the cell failed
+DONE_FILE = "done.json"  # written last: the cell's key, and the digests of its results
 
 ONLINE_FAMILY = "online"
 
 FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run"}
-"""Fields that affect neither training nor evaluation, as the name of the family does not, or that
-`digest` covers, as it does paths of files."""
+"""Fields that affect no result, or that `digest` covers, as it does paths of files."""
 
-YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}
-"""Settings that algorithms got after studies had run, and the values that change nothing."""
+YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}  # younger than studies; change nothing
 
-AS_RECORDED = View()
-"""Models of the dataset itself."""
+AS_RECORDED = View()  # models of the dataset itself
 
 WIDTHS = ("hidden", "actor_hidden", "critic_hidden")
-"""Settings that a study's `hidden` sets: of what acts and of what estimates values. A network that
-only teaches these, such as a flow, keeps its own."""
+"""Settings that a study's `hidden` sets; flows, which only teach these networks, have their own."""
 
 
 class Cell(Frozen):
@@ -143,30 +130,28 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
             a setting of the study.
     """
     _check_settings(study)
-    parts: list[tuple[str, int | None, tuple[str, ...]]] = [
-        (dataset, None, tuple(label for label in study.algorithms if study.has(label, dataset)))
-        for dataset in study.datasets
-    ]
-    if study.sizes is not None:
-        for dataset in study.sizes.datasets:
-            sized = (dataset_of_size(dataset, size) for size in study.sizes.sizes)
-            parts += [(each, n_steps, study.sizes.algorithms) for each, n_steps in sized]
     found = [
-        offline_cell(study, label, dataset, digest_of, n_steps=n_steps)
-        for dataset, n_steps, labels in parts
-        for label in labels
+        offline_cell(study, label, dataset, digest_of)
+        for dataset, label in itertools.product(study.datasets, study.algorithms)
+        if study.has(label, dataset)
     ]
-    if (seen := study.information) is not None:
-        every = itertools.product(seen.datasets, seen.views.values(), seen.algorithms)
+    if (sizes := study.sizes) is not None:
+        for dataset, size, label in itertools.product(
+            sizes.datasets, sizes.sizes, sizes.algorithms
+        ):
+            part, n_steps = dataset_of_size(dataset, size)
+            found.append(offline_cell(study, label, part, digest_of, n_steps=n_steps))
+    seen = study.information
+    views = () if seen is None else seen.views.values()
+    if seen is not None:
         found += [
             offline_cell(study, label, dataset, digest_of, view=view)
-            for dataset, view, label in every
+            for dataset, view, label in itertools.product(seen.datasets, views, seen.algorithms)
             if study.has(label, dataset)
         ]
     found += [_online_cell(study, label) for label in study.online]
     if seen is not None:
-        pairs = itertools.product(seen.views.values(), seen.online)
-        found += [_online_cell(study, label, view) for view, label in pairs]
+        found += [_online_cell(study, k, view) for view, k in itertools.product(views, seen.online)]
     cells: dict[str, Cell] = {}
     for cell in found:
         if cells.setdefault(cell.name, cell) != cell:
@@ -199,13 +184,11 @@ def offline_cell(
     view: View = AS_RECORDED,
 ) -> Cell:
     """The cell of a variant on a dataset, on its first joint steps, or re-observed."""
-    variant = study.algorithms[label]
-    config = config_of(study, variant)
+    variant, parts = study.algorithms[label], study.mixtures.get(dataset, {})
+    config, curves, every = config_of(study, variant), study.curves, None
+    if curves and (not curves.datasets or dataset in curves.datasets):
+        every = max(1, config["n_updates"] // curves.points)
     data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
-    curves = study.curves
-    parts = study.mixtures.get(dataset, {})
-    is_drawn = curves is not None and (not curves.datasets or dataset in curves.datasets)
-    every = max(1, config["n_updates"] // curves.points) if curves and is_drawn else None
     return Cell(
         kind="offline",
         label=label,
@@ -245,13 +228,12 @@ def config_of(study: Study, variant: Variant) -> dict[str, Any]:
 
 
 def _seen_in(data: str, view: View) -> str:
-    """The short name of data or of a task in a view."""
     return "~".join((data, *(model for model in view.models if model is not None)))
 
 
 def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
     baseline = study.online[label]
-    shared = {
+    shared: dict[str, Any] = {
         "label": label,
         "family": ONLINE_FAMILY,
         "n_episodes": study.episodes,
@@ -274,12 +256,11 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
         observation=view.observation,
         communication=view.communication,
         seeds=study.seeds,
-        **shared,  # type: ignore[arg-type]
+        **shared,
     )
 
 
 def _run_cell(folder: Path, shared: Mapping[str, Any]) -> Cell:
-    """The cell of a finished online run, which only evaluates its newest policies."""
     if not run_folders(folder):
         raise SpecError(
             f"online baseline {shared['label']!r}: {folder} is not a run folder. Train it with "

@@ -18,8 +18,7 @@ from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import LOCAL, open_engine
 from swarmdata.runtime.locking import locked
 
-MAX_SHOWN_STALE = 3
-"""Stale cells that an error message names; more are counted."""
+MAX_SHOWN_STALE = 3  # stale cells that an error message names; more are counted
 
 WORKER = "swarmdata.evaluation.study.cells.cell_worker:cell_runner"
 
@@ -68,11 +67,13 @@ def run_cells(
     total = sum(cell.n_updates for cell in waiting)
     n_done = sum(count_updates(cell, cell.folder(work)) for cell in waiting)
     failures = Failures(len(waiting))
-    jobs = [_job(cell, work) for cell in longest_first(waiting, work)]
-    hidden = None if progress else True  # None: hidden unless there is a terminal
+    jobs = []
+    for cell in longest_first(waiting, work):
+        folder = str(cell.folder(work).resolve())  # for processes elsewhere
+        jobs.append(Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": folder}))
     with (
         tqdm(total=total, initial=n_done, unit="update", unit_scale=True, desc="cells",
-             disable=hidden) as bar,
+             disable=None if progress else True) as bar,  # None: unless there is a terminal
         open_engine(engine, WORKER, n_workers=min(workers, len(jobs)), folder=work, renews=True)
         as opened,
     ):  # fmt: skip
@@ -90,11 +91,6 @@ def run_cells(
 
         opened.run(jobs, report, fail)
     return failures.reasons
-
-
-def _job(cell: Cell, work: Path) -> Job:
-    folder = cell.folder(work).resolve()  # for processes elsewhere
-    return Job(cell.name, {"cell": cell.model_dump(mode="json"), "folder": str(folder)})
 
 
 def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:

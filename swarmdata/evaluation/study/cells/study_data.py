@@ -1,13 +1,9 @@
-"""Datasets of a study: whole, published minis, or the first episodes as a separate dataset.
-
-The first episodes are written as an edited dataset, so that a run on them records their digest and
-computes normalization statistics from them alone.
-"""
+"""Datasets of a study: whole, published minis, mixtures, or first episodes as own datasets."""
 
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,8 +25,6 @@ from swarmdata.specs.origins import check_installed, task_of
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.rules import RewardChoice, changed_weights, chosen_weights
 from swarmdata.store.publication import figures_of
-
-FULL, MINI = "full", "mini"
 
 
 class DatasetFacts(Frozen):
@@ -105,10 +99,8 @@ def dataset_of_size(dataset: str, size: Size) -> tuple[str, int | None]:
     Raises:
         SchemaError: a folder has no mini.
     """
-    if size == FULL:
-        return dataset, None
-    if size != MINI:
-        return dataset, int(size)
+    if size != "mini":
+        return dataset, None if size == "full" else size
     if not is_dataset(dataset):
         raise SchemaError(
             f"{dataset} is a folder, which has no mini. Give a number of joint steps instead."
@@ -131,11 +123,9 @@ def digest_of(dataset: str, *, progress: bool = True) -> str:
     return load(dataset, progress=progress).digest
 
 
-def joint_digest(digests: Iterable[str], weights: Iterable[float]) -> str:
+def joint_digest(digests: Iterable[str], weights: Collection[float]) -> str:
     """Returns the SHA-256 of the digests of a mixture's datasets and of their shares."""
-    found = [*weights]
-    total = sum(found)
-    shares = [[digest, w / total] for digest, w in zip(digests, found, strict=True)]
+    shares = [[digest, w / sum(weights)] for digest, w in zip(digests, weights, strict=True)]
     return hashlib.sha256(json.dumps(shares).encode()).hexdigest()
 
 

@@ -1,9 +1,6 @@
 """One compressed file with everything that pages of a study are made from, but no policies.
 
-It has the files of the finished cells, by their paths in the folder of cells: the cell, the facts
-of its data, its cost, its curves, and its results. Results keep the metrics that pages show, with
-the digits of `DECIMALS`; 1,000 episodes take about 6 kB. Pages are always made from this file, so
-that the ones that are made again from a study's folder are the same.
+Pages are always made from it, so that those that are made again from a study's folder are the same.
 """
 
 import io
@@ -15,7 +12,6 @@ from pathlib import Path
 
 from pydantic import Field
 
-from swarmdata.errors import StudyError
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells.cells import (
     CELL_FILE,
@@ -34,11 +30,9 @@ from swarmdata.store import write_file
 
 ARCHIVE_FILE = "cells.tar.xz"
 
-NOTES_FILE = "notes.json"
-"""In the archive: what pages say beyond the cells."""
+NOTES_FILE = "notes.json"  # in the archive: what pages say beyond the cells
 
-DECIMALS = 4
-"""Of kept metrics: an error of at most 0.00005 in a return, time or count of one episode."""
+DECIMALS = 4  # of kept metrics: those that pages show
 
 
 class Notes(Frozen):
@@ -46,8 +40,7 @@ class Notes(Frozen):
 
     command: str  # that runs the study again
     missing: dict[str, str]  # why other cells have no results, by name
-    sweeps: dict[str, str] = Field(default_factory=dict, exclude=True)
-    """Of archives before the page read them from the tables of sweeps; not used."""
+    sweeps: dict[str, str] = Field(default_factory=dict, exclude=True)  # of older archives; unused
 
 
 def write_archive(found: Findings, notes: Notes, file: Path) -> None:
@@ -97,16 +90,6 @@ def _shortened(result: bytes) -> bytes:
         for name, values in document["metrics"].items()
     }
     return json.dumps(document, separators=(",", ":")).encode()
-
-
-def check_archive(file: Path) -> None:
-    """Raises StudyError if there is no archive."""
-    if not file.exists():
-        raise StudyError(
-            f"{file.parent} has no {ARCHIVE_FILE}, from which its pages could be written again: it "
-            "is not the folder of a study, or an older version wrote it. Run the study from its "
-            "plan."
-        )
 
 
 def read_archive(study: Study, file: Path, folder: Path) -> tuple[Findings, Notes]:

@@ -11,7 +11,8 @@ from swarmdata.drawing.style import family_looks
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.results.learning_curves import Curve
 from swarmdata.evaluation.results.result_files import Result, load_result
-from swarmdata.evaluation.results.result_set import Case, ResultSet, case_order, group_results
+from swarmdata.evaluation.results.result_set import ResultSet, case_order, group_results
+from swarmdata.evaluation.results.result_tables import QUANTITIES, Quantity
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cells import (
     COST_FILE,
@@ -23,7 +24,7 @@ from swarmdata.evaluation.study.cells.cells import (
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.learn.training.run_files import CURVE, LOSSES, read_table
+from swarmdata.learn.training.run_files import read_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,14 +35,10 @@ class Findings:
     cells: tuple[Cell, ...]  # that are done
     missing: Mapping[str, str]  # names of the other cells, with the reason if they failed
     results: ResultSet  # on the study's datasets, with online algorithms as baselines
-    sizes: ResultSet | None
-    """Results of the data efficiency, if the study has it and it was measured."""
-    views: ResultSet | None
-    """Results of the data seen in other ways, likewise, beside rows that learned in the task in the
-    same ways."""
-    facts: Mapping[str, DatasetFacts]
-    """The cell's name -> facts of the dataset that it was trained on."""
-    costs: Mapping[str, Cost]  # the cell's name -> its cost
+    sizes: ResultSet | None  # of the data efficiency; None: nothing was measured
+    views: ResultSet | None  # of other views of the data or, of online rows, of the task; likewise
+    facts: Mapping[str, DatasetFacts]  # cell's name -> of the dataset that it was trained on
+    costs: Mapping[str, Cost]  # cell's name -> its cost
     work: Path  # folder of the cells
 
     def family(self, label: str) -> str:
@@ -57,18 +54,22 @@ class Findings:
     @property
     def view_families(self) -> dict[str, str]:
         """The family of each row that was measured in views, offline ones first."""
-        plan = self.study.information
-        cases = () if self.views is None else self.views.cases
-        offline = {} if plan is None else {label: self.family(label) for label in plan.algorithms}
-        return offline | {
-            label: ONLINE_FAMILY for case in cases for label in case.runs if label not in offline
-        }
+        if self.views is None or self.study.information is None:
+            return {}
+        offline = {label: self.family(label) for label in self.study.information.algorithms}
+        measured = (label for case in self.views.cases for label in case.runs)
+        return {label: offline.get(label, ONLINE_FAMILY) for label in (*offline, *measured)}
 
     @property
     def dataset_ids(self) -> dict[str, str]:
         """Short name of each dataset with finished offline cells -> its id."""
         cells = (cell for cell in self.cells if cell.kind == "offline")
         return {cell.data: self.facts[cell.name].id for cell in cells}
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """What is compared in other conditions and in pairs, the score or return first."""
+        return quantity_of(self.results), QUANTITIES["success"], QUANTITIES["clean_success"]
 
     @cached_property
     def main(self) -> Scoreboard:
@@ -84,7 +85,7 @@ class Findings:
         """The color and marker of each offline row, in all figures of the study."""
         return family_looks(self.families)
 
-    def training_curve(self, cell: Cell, column: str, *, file: str = LOSSES) -> Curve | None:
+    def training_curve(self, cell: Cell, file: str, column: str) -> Curve | None:
         """A column of a cell's losses or learning curve; None if it was not recorded.
 
         Its progress is in gradient updates; that of an online cell in joint steps.
@@ -100,10 +101,6 @@ class Findings:
             np.array([row[progress] for row in rows_by_seed[0][:length]]),
             np.array([[row[column] for row in seed_rows[:length]] for seed_rows in rows_by_seed]),
         )
-
-    def learning_curve(self, cell: Cell, metric: str) -> Curve | None:
-        """A metric of a cell's learning curve."""
-        return self.training_curve(cell, metric, file=CURVE)
 
 
 def collect_findings(
@@ -135,15 +132,11 @@ def collect_findings(
         missing={**missing, **excluded},
         results=results,
         sizes=_read_results(sized, work, facts) if sized else None,
-        views=_with_baselines(_read_results(viewed, work, facts)) if viewed else None,
+        views=_read_results(viewed, work, facts, has_baselines=True) if viewed else None,
         facts=facts,
         costs={cell.name: Cost.from_file(cell.folder(work) / COST_FILE) for cell in done},
         work=work,
     )
-
-
-def _with_baselines(results: ResultSet) -> ResultSet:
-    return replace(results, cases=tuple(map(results.with_baselines, results.cases)))
 
 
 def _without_other_worlds(results: ResultSet) -> tuple[ResultSet, dict[str, str]]:
@@ -153,7 +146,7 @@ def _without_other_worlds(results: ResultSet) -> tuple[ResultSet, dict[str, str]
     others = {
         label: f"it was trained in spec {case.spec.hash()[:12]}, which no dataset here has"
         for case in results.baselines
-        if case not in same
+        if case.spec.hash() not in specs
         for label in case.runs
     }
     return replace(results, baselines=same), others
@@ -187,11 +180,20 @@ def is_view_cell(study: Study, cell: Cell) -> bool:
 
 
 def _read_results(
-    cells: Sequence[Cell], work: Path, facts: Mapping[str, DatasetFacts]
+    cells: Sequence[Cell],
+    work: Path,
+    facts: Mapping[str, DatasetFacts],
+    has_baselines: bool = False,
 ) -> ResultSet:
-    found, known = group_results(results_of(cells, work)), facts_by_dataset(facts)
-    cases = sorted((_with_data(case, known) for case in found.cases), key=case_order)
-    return replace(found, cases=tuple(cases))
+    """The results of cells by case, with the facts of their data, and perhaps with online rows."""
+    found, known, cases = group_results(results_of(cells, work)), facts_by_dataset(facts), []
+    for case in found.cases:
+        key = str(case.dataset)  # a view has the same episodes; mixtures have facts of their own
+        data = known.get(key, known.get(key.partition("@")[0]))
+        cases.append(case if data is None else replace(case, data=data.figures))
+    cases.sort(key=case_order)
+    found = replace(found, cases=tuple(cases))
+    return replace(found, cases=tuple(map(found.with_baselines, cases))) if has_baselines else found
 
 
 def facts_by_dataset(facts: Mapping[str, DatasetFacts]) -> dict[str, DatasetFacts]:
@@ -203,10 +205,3 @@ def results_of(cells: Sequence[Cell], work: Path) -> list[Result]:
     """Reads all results of finished cells."""
     folders = [cell.folder(work) / RESULTS_FOLDER for cell in cells]
     return [load_result(file) for folder in folders for file in sorted(folder.glob("*.json"))]
-
-
-def _with_data(case: Case, facts: Mapping[str, DatasetFacts]) -> Case:
-    """The case with the figures of its dataset's episodes, as a cell has recorded them."""
-    key = str(case.dataset)  # a view has the same episodes; mixtures have facts of their own
-    known = facts.get(key, facts.get(key.partition("@")[0]))
-    return case if known is None else replace(case, data=known.figures)

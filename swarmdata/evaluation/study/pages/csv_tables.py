@@ -1,5 +1,6 @@
 """The CSV tables of a study: a row for each run, dataset, cell, and point of a learning curve."""
 
+import itertools
 import json
 import math
 from collections.abc import Mapping
@@ -11,18 +12,12 @@ from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.results.result_tables import estimate, quantities_of
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, Cell
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
-from swarmdata.learn.training.run_files import CURVE_METRICS
+from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.metrics import censored_times
 
-RUN_METRICS = (
-    "return",
-    "success",
-    "clean_success",
-    "robot_collisions",
-    "obstacle_collisions",
-    "time_to_goal",
-)
+RUN_METRICS = ("return", "success", "clean_success", "robot_collisions", "obstacle_collisions",
+               "time_to_goal")  # fmt: skip
 """Metrics of the table of runs, as means over the episodes of a run."""
 
 Row = Mapping[str, str | float | int | None]
@@ -30,14 +25,12 @@ Row = Mapping[str, str | float | int | None]
 
 def run_rows(found: Findings) -> list[Row]:
     """One row per run and dataset, without sweeps."""
-    keys = {(cell.label, cell.folder(found.work) / RESULTS_FOLDER): cell for cell in found.cells}
+    cells = {cell.folder(found.work) / RESULTS_FOLDER: cell for cell in found.cells}
     rows = []
     for case in _cases(found):
-        for label, runs in case.runs.items():
-            for result in runs:
-                assert result.path is not None  # all results were read from files
-                cell = keys[label, result.path.parent]
-                rows.append(_run_row(found, case, cell, result))
+        for result in itertools.chain.from_iterable(case.runs.values()):
+            assert result.path is not None  # all results were read from files
+            rows.append(_run_row(found, case, cells[result.path.parent], result))
     return sorted(rows, key=lambda row: (str(row["dataset"]), str(row["label"]), str(row["seed"])))
 
 
@@ -51,8 +44,8 @@ def _cases(found: Findings) -> list[Case]:
 
 def _run_row(found: Findings, case: Case, cell: Cell, result: Result) -> Row:
     origin, metrics = result.provenance, result.evaluation.metrics
-    times = {"time_to_goal": censored_times(metrics["time_to_goal"], case.time_limit)}
-    means = {name: float(np.mean({**metrics, **times}[name])) for name in RUN_METRICS}
+    times = censored_times(metrics["time_to_goal"], case.time_limit)
+    means = {k: float(np.mean(times if k == "time_to_goal" else metrics[k])) for k in RUN_METRICS}
     score = math.nan
     if case.reference is not None:
         score = float(normalized_score(means["return"], case.reference))
@@ -110,45 +103,40 @@ def estimate_rows(found: Findings) -> list[Row]:
 def dataset_rows(found: Findings) -> list[Row]:
     """One row per dataset: what its own episodes achieved."""
     scores = {case.dataset: case.data_score for case in _cases(found)}
-    rows: list[Row] = []
-    for key, facts in sorted(facts_by_dataset(found.facts).items()):
-        figures, score = facts.figures, scores.get(key)
-        rows.append(
-            {
-                "dataset": key,
-                "digest": facts.digest,
-                "n_steps": figures.n_steps,
-                "n_episodes": figures.n_episodes,
-                "score": math.nan if score is None else score,
-                "return": figures.mean_return,
-                "success": figures.success,
-                "clean_success": figures.clean_success,
-                "robot_collisions": facts.robot_collisions,
-                "obstacle_collisions": facts.obstacle_collisions,
-            }
-        )
-    return rows
+    return [
+        {
+            "dataset": key,
+            "digest": facts.digest,
+            "n_steps": facts.figures.n_steps,
+            "n_episodes": facts.figures.n_episodes,
+            "score": scores.get(key),
+            "return": facts.figures.mean_return,
+            "success": facts.figures.success,
+            "clean_success": facts.figures.clean_success,
+            "robot_collisions": facts.robot_collisions,
+            "obstacle_collisions": facts.obstacle_collisions,
+        }
+        for key, facts in sorted(facts_by_dataset(found.facts).items())
+    ]
 
 
 def cost_rows(found: Findings) -> list[Row]:
     """One row per cell: its cost, and the machine."""
-    rows: list[Row] = []
-    for cell in sorted(found.cells, key=lambda cell: cell.name):
-        cost = found.costs[cell.name]
-        rows.append(
-            {
-                "cell": cell.name,
-                "seeds": len(cell.seeds),
-                "updates": cell.n_updates,
-                "updates_per_second": cost.updates_per_second,
-                "wall_seconds": cost.wall_seconds,
-                "cpu_seconds": cost.cpu_seconds,
-                "peak_mb": cost.peak_mb,
-                "attempts": len(cost.attempts),
-                **{name: cost.machine.get(name) for name in ("processor", "cores", "load")},
-            }
-        )
-    return rows
+    cells = {cell.name: cell for cell in found.cells}
+    return [
+        {
+            "cell": name,
+            "seeds": len(cells[name].seeds),
+            "updates": cells[name].n_updates,
+            "updates_per_second": cost.updates_per_second,
+            "wall_seconds": cost.wall_seconds,
+            "cpu_seconds": cost.cpu_seconds,
+            "peak_mb": cost.peak_mb,
+            "attempts": len(cost.attempts),
+            **{name: cost.machine.get(name) for name in ("processor", "cores", "load")},
+        }
+        for name, cost in sorted(found.costs.items())
+    ]
 
 
 def curve_rows(found: Findings) -> list[Row]:
@@ -157,7 +145,7 @@ def curve_rows(found: Findings) -> list[Row]:
     offline = [cell for cell in found.cells if cell.kind == "offline"]
     for cell in sorted(offline, key=lambda cell: cell.name):
         for metric in CURVE_METRICS:
-            curve = found.learning_curve(cell, metric)
+            curve = found.training_curve(cell, CURVE, metric)
             if curve is None:
                 continue
             means, lows, highs = (part(curve.values, axis=0) for part in (np.mean, np.min, np.max))

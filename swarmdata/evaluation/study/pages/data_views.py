@@ -1,19 +1,28 @@
-"""Information: algorithms on the same data, seen and heard in other ways."""
+"""The same algorithms on smaller parts of the same data, and on data seen and heard otherwise."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from swarmdata.drawing import markdown
+from swarmdata.drawing.style import DATA_LINE, thousands
+from swarmdata.evaluation.figures.dot_plot import Looks
+from swarmdata.evaluation.figures.line_plot import Line, LinePanel, plot_lines
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results.estimate_table import format_estimate
 from swarmdata.evaluation.results.result_set import ResultSet
 from swarmdata.evaluation.results.result_tables import UNDEFINED_ESTIMATE
 from swarmdata.evaluation.study.cells.cells import Cell
-from swarmdata.evaluation.study.cells.study_data import short_name
-from swarmdata.evaluation.study.pages.collect_results import Findings, is_view_cell, results_of
+from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
+from swarmdata.evaluation.study.pages.collect_results import (
+    Findings,
+    is_data_efficiency_cell,
+    is_view_cell,
+    results_of,
+)
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT
-from swarmdata.evaluation.study.plan import ViewsPlan
 
 FIGURE = "information.png"
 
@@ -53,29 +62,23 @@ def _measured(found: Findings) -> dict[str, dict[str, str]]:
     """Short name of each dataset with results -> view, in the plan's order -> name of the case."""
     plan = found.study.information
     assert plan is not None
-    columns: dict[str, dict[str, str]] = {}
-    for dataset in map(short_name, plan.datasets):
-        keys = {}
-        for cell in view_cells(found, dataset):
-            provenance = results_of([cell], found.work)[0].provenance
-            keys[label_of(plan, cell)] = str(provenance.dataset_key)
-        if keys:
-            columns[dataset] = {label: keys[label] for label in plan.views if label in keys}
-    return columns
+    columns = {
+        dataset: {
+            view: str(results_of([cell], found.work)[0].provenance.dataset_key)
+            for view, cell in view_cells(found, dataset)
+        }
+        for dataset in map(short_name, plan.datasets)
+    }
+    return {dataset: names for dataset, names in columns.items() if names}
 
 
 def view_rows(found: Findings) -> list[dict[str, object]]:
     """One row per dataset, view, row of the study and quantity, in stored units."""
     if found.views is None:
         return []
+    head = ("dataset", "view", "label", "quantity", "mean", "low", "high")
     return [
-        {
-            "dataset": dataset,
-            "view": view,
-            "label": label,
-            "quantity": board.column.key,
-            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
-        }
+        dict(zip(head, (dataset, view, label, board.column.key, *estimate), strict=True))
         for board in _boards(found.views, found.view_families)
         for dataset, views in _measured(found).items()
         for view, name in views.items()
@@ -83,22 +86,18 @@ def view_rows(found: Findings) -> list[dict[str, object]]:
     ]
 
 
-def label_of(plan: ViewsPlan, cell: Cell) -> str:
-    """What the plan calls the view of a cell."""
-    models = (cell.observation, cell.communication)
-    return next(label for label, view in plan.views.items() if view.models == models)
-
-
-def view_cells(found: Findings, dataset: str) -> Iterator[Cell]:
-    """The finished offline cells of the views of a dataset, by its short name."""
-    for cell in found.cells:
-        is_offline = cell.kind == "offline" and short_name(cell.source) == dataset
-        if is_offline and is_view_cell(found.study, cell):
-            yield cell
+def view_cells(found: Findings, dataset: str) -> Iterator[tuple[str, Cell]]:
+    """The views of a dataset in the plan's order, each with every finished offline cell of it."""
+    plan = found.study.information
+    for label, view in plan.views.items() if plan else ():
+        for cell in found.cells:
+            is_offline = cell.kind == "offline" and short_name(cell.source) == dataset
+            models = (cell.observation, cell.communication)
+            if is_offline and models == view.models and is_view_cell(found.study, cell):
+                yield label, cell
 
 
 def _panel(board: Scoreboard, dataset: str, columns: dict[str, str]) -> str:
-    """A row for each algorithm, a column for each view."""
     found = {}
     for label in board.families:
         for view, name in columns.items():
@@ -119,15 +118,14 @@ def _plot(
     for dataset, names in views.items():
         shown = {view: board.in_shown_units(each) for view, each in names.items()}
         first = shown[next(iter(shown))]
-        labels = [label for label in board.families if label in first]
-        columns[dataset] = [f"{dataset}: {label}" for label in labels]
+        labels = {label: f"{dataset}: {label}" for label in board.families if label in first}
+        columns[dataset] = [*labels.values()]
         for view, found in shown.items():
             best = board.leaders(names[view]) if len(labels) > 1 else []
-            for label in labels:
+            for label, column in labels.items():
                 if label in found:
                     change = found[label].value - first[label].value
-                    cell = MatrixCell(found[label].value, change, label in best)
-                    cells[view, f"{dataset}: {label}"] = cell
+                    cells[view, column] = MatrixCell(found[label].value, change, label in best)
     rows = [view for view in order if any(view in names for names in views.values())]
     notes = Notes(
         SCALE_LIMIT,
@@ -135,3 +133,65 @@ def _plot(
         "framed: the best of a dataset in this row and those not clearly worse (paired)",
     )
     plot_matrix(cells, {"": rows}, columns, path, notes)
+
+
+PANEL_HEIGHT = 2.0  # inches
+
+
+def size_section(found: Findings, out: Path) -> dict[str, str]:
+    """The section by its title, with a figure in a folder; empty if nothing of it was measured."""
+    results, plan = found.sizes, found.study.sizes
+    if results is None or plan is None:
+        return {}
+    families = {label: found.family(label) for label in plan.algorithms}
+    board = make_scoreboard(results, families, quantity_of(results).column.key)
+    cells = [cell for cell in found.cells if is_data_efficiency_cell(found.study, cell)]
+    parts: dict[str, list[DatasetFacts]] = {}  # those with several sizes, the smallest first
+    for dataset in plan.datasets:
+        wanted = [dataset_of_size(dataset, size) for size in plan.sizes]
+        facts = [found.facts[c.name] for c in cells if (c.source, c.n_steps) in wanted]
+        measured = {each.id: each for each in facts if each.id in results.datasets}
+        if len(measured) > 1:
+            sizes = sorted(measured.values(), key=lambda each: each.figures.n_steps)
+            parts[short_name(dataset)] = sizes
+    if not parts:
+        return {}
+    row = [_size_panel(board, dataset, facts, found.looks) for dataset, facts in parts.items()]
+    row[0] = row[0]._replace(ylabel=board.column.label)
+    xlabel = "joint steps of data"
+    plot_lines([row], out / "sizes.png", height=PANEL_HEIGHT, xlabel=xlabel, shares_y="row")
+    caption = f"{board.column.label.capitalize()}; the dashed line is the mean of those episodes."
+    body = f"{_size_table(board, parts)}\n{caption}\n\n![by joint steps](sizes.png)"
+    return {"Data efficiency": body}
+
+
+def _size_panel(
+    board: Scoreboard, dataset: str, sizes: Sequence[DatasetFacts], looks: Looks
+) -> LinePanel:
+    shown = {facts.figures.n_steps: board.in_shown_units(facts.id) for facts in sizes}
+    lines = []
+    for label in dict.fromkeys(label for found in shown.values() for label in found):
+        steps = [n for n, found in shown.items() if label in found]
+        ends = np.array([shown[n][label] for n in steps]).T
+        lines.append(Line(label, np.array(steps, np.float64), ends, looks[label]))
+    factor, known = board.column.factor, [each for each in sizes if each.id in board.data]
+    means = {each.figures.n_steps: factor * board.data[each.id] for each in known}
+    if means:
+        ends = np.array([list(means.values())] * 3)
+        lines.append(Line("mean of the data", np.array(list(means), np.float64), ends, DATA_LINE))
+    # 200037 as 200k: a size has whole episodes, so a few more steps than asked for
+    rounded = {n: round(n, 1 - len(str(n))) if n >= 10_000 else n for n in means or shown}
+    ticks = {float(n): thousands(steps) for n, steps in rounded.items()}
+    return LinePanel(dataset, lines, xscale="log", ticks=ticks)
+
+
+def _size_table(board: Scoreboard, parts: Mapping[str, Sequence[DatasetFacts]]) -> str:
+    """A row for each dataset and algorithm, with the estimates of all sizes of that dataset."""
+    rows: dict[tuple[str, str], list[str]] = {}
+    for dataset, sizes in parts.items():
+        for each in sizes:
+            for label, estimate in board.estimates[each.id].items():
+                text = f"{each.figures.n_steps:,}: {format_estimate(estimate, board.column)}"
+                rows.setdefault((dataset, f"`{label}`"), []).append(text)
+    head = ("dataset", "algorithm", f"joint steps: {board.column.label}")
+    return markdown.table(head, [(*names, "; ".join(texts)) for names, texts in rows.items()])

@@ -1,14 +1,9 @@
-"""Differences between rows of a study, paired by episode: what they are, and the sections on them.
-
-A study asks for lists of pairs; how far rows are from the data is always said. Of doubled updates,
-tables say which budget is enough and how the families are ordered.
-"""
+"""Differences between rows of a study, paired by episode, and the sections on them."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from swarmdata.drawing import markdown
 from swarmdata.drawing.style import words_of_pair
@@ -21,7 +16,7 @@ from swarmdata.evaluation.figures.dot_plot import (
 )
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, Column, format_estimate
-from swarmdata.evaluation.results.result_tables import QUANTITIES, UNDEFINED_ESTIMATE
+from swarmdata.evaluation.results.result_tables import UNDEFINED_ESTIMATE
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
@@ -32,8 +27,7 @@ from swarmdata.specs.plain_names import without_version
 Verdict = Literal["higher", "lower", "no clear change"]
 
 
-@dataclass(frozen=True)
-class RowDifference:
+class RowDifference(NamedTuple):
     """One row minus another on a dataset."""
 
     one: str
@@ -42,9 +36,9 @@ class RowDifference:
     estimates: Mapping[str, Estimate]  # by the quantity's key, in stored units
 
     @property
-    def words(self) -> str:
-        """The difference as text."""
-        return f"`{self.one}` − `{self.other}`"
+    def pair(self) -> str:
+        """The rows in words, for figures."""
+        return words_of_pair(self.one, self.other)
 
     def shown(self, column: Column) -> Estimate:
         """A quantity in the unit of tables and figures."""
@@ -53,18 +47,12 @@ class RowDifference:
 
 def difference_rows(found: Findings) -> list[dict[str, object]]:
     """One row per list of pairs, pair, dataset and quantity: the difference, in stored units."""
+    head = ("list", "one", "other", "dataset", "quantity", "mean", "low", "high")
     return [
-        {
-            "list": name,
-            "one": each.one,
-            "other": each.other,
-            "dataset": each.dataset,
-            "quantity": key,
-            **dict(zip(("mean", "low", "high"), estimate, strict=True)),
-        }
+        dict(zip(head, (name, one, other, dataset, key, *estimate), strict=True))
         for name, plan in found.study.differences.items()
-        for each in measured_differences(found, plan)
-        for key, estimate in each.estimates.items()
+        for one, other, dataset, estimates in measured_differences(found, plan)
+        for key, estimate in estimates.items()
     ]
 
 
@@ -75,51 +63,32 @@ def verdict_of(difference: Estimate) -> Verdict:
     return "lower" if difference.high < 0.0 else "no clear change"
 
 
-def columns_of(found: Findings) -> tuple[Column, ...]:
-    """What differences are taken of."""
-    return (found.main.column, *(QUANTITIES[key].column for key in ("success", "clean_success")))
-
-
 def measured_differences(found: Findings, plan: DifferencesPlan) -> list[RowDifference]:
     """The differences of all pairs whose cells are done, by pair, then by dataset."""
-    boards = {column.key: found.board(column.key) for column in columns_of(found)}
-    ids = found.dataset_ids
-    return [
-        RowDifference(
-            one,
-            other,
-            dataset,
-            {
-                key: board.lead(ids[dataset], one, other)
+    boards, ids = [found.board(each.column.key) for each in found.quantities], found.dataset_ids
+    differences = []
+    for (one, other), dataset, missing in _wanted(found, plan):
+        if not missing:
+            estimates = {
+                board.column.key: board.lead(ids[dataset], one, other)
                 if {one, other} <= board.values.get(ids[dataset], {}).keys()
                 else UNDEFINED_ESTIMATE
-                for key, board in boards.items()
-            },
-        )
-        for (one, other), dataset in _wanted(found.study, plan)
-        if not _missing_of(found, one, other, dataset)
-    ]
+                for board in boards
+            }
+            differences.append(RowDifference(one, other, dataset, estimates))
+    return differences
 
 
-def missing_pairs(found: Findings, plan: DifferencesPlan) -> list[str]:
-    """The pairs of which a cell is not done, each in a few words."""
-    return [
-        f"`{one}` − `{other}` on {dataset} (no results of {' and '.join(absent)})"
-        for (one, other), dataset in _wanted(found.study, plan)
-        if (absent := _missing_of(found, one, other, dataset))
-    ]
-
-
-def _wanted(study: Study, plan: DifferencesPlan) -> Iterator[tuple[tuple[str, str], str]]:
-    for one, other in plan.pairs:
+def _wanted(
+    found: Findings, plan: DifferencesPlan
+) -> Iterator[tuple[tuple[str, str], str, list[str]]]:
+    """Each pair on each of its datasets, and the rows of it that are not done there."""
+    study, done = found.study, {cell.name for cell in found.cells}
+    for pair in plan.pairs:
         for dataset in study.datasets:
-            if study.has(one, dataset) and study.has(other, dataset):
-                yield (one, other), short_name(dataset)
-
-
-def _missing_of(found: Findings, one: str, other: str, dataset: str) -> list[str]:
-    done = {cell.name for cell in found.cells}
-    return [f"`{label}`" for label in (one, other) if f"{label}/{dataset}" not in done]
+            if all(study.has(label, dataset) for label in pair):
+                name = short_name(dataset)
+                yield pair, name, [f"`{k}`" for k in pair if f"{k}/{name}" not in done]
 
 
 def format_difference(difference: Estimate, column: Column) -> str:
@@ -131,59 +100,48 @@ def format_difference(difference: Estimate, column: Column) -> str:
 
 UNCLEAR = "no clear change"
 
+PAIRED = (
+    "The first row minus the second, paired by episode. A difference is higher or lower if its "
+    "whole interval is.\n"
+)
 ORDERS = (
     "Families by score, the best first. `>`: clearly better than the next, paired by episode; `≥`: "
-    "not clearly.\n\n"
+    "not clearly.\n"
 )
 
 
 def differences_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
-    """Title and body of each list of pairs, with a figure in a folder."""
-    sections = []
+    """Title and body of each list of pairs, with a figure in a folder.
+
+    A table has a row for each pair and dataset. Then comes what doublings change, and what is not
+    measured.
+    """
+    sections, columns = [], [each.column for each in found.quantities]
+    head = ("difference", "dataset", *(each.header for each in columns))
     for name, plan in found.study.differences.items():
-        body = (
-            "The first row minus the second, paired by episode. A difference is higher or lower if "
-            "its whole interval is.\n\n"
-        )
-        if differences := measured_differences(found, plan):
-            plot_row_differences(differences, columns_of(found), out / f"differences-{name}.png")
-            body += f"![the first row minus the second](differences-{name}.png)\n\n"
-        sections.append((plan.title, body + _tables(found, plan)))
+        measured, parts = measured_differences(found, plan), [PAIRED]
+        if measured:
+            plot_row_differences(measured, columns, out / f"differences-{name}.png")
+            rows = [
+                (f"`{one}` − `{other}`", dataset, *(_with_verdict(of[k.key], k) for k in columns))
+                for one, other, dataset, of in measured
+            ]
+            picture = f"![the first row minus the second](differences-{name}.png)\n"
+            parts += [picture, markdown.table(head, rows)]
+        if plan.doubling and measured:
+            orders = order_table(found, plan)
+            parts += [ORDERS, orders, budget_table(found, plan.pairs, measured)]
+        missing = [
+            f"- `{one}` − `{other}` on {dataset} (no results of {' and '.join(labels)})\n"
+            for (one, other), dataset, labels in _wanted(found, plan)
+            if labels
+        ]
+        parts += ["Not compared yet:\n", "".join(missing)] if missing else []
+        sections.append((plan.title, "\n".join(parts)))
     return sections
 
 
-def _tables(found: Findings, plan: DifferencesPlan) -> str:
-    """A row for each pair and dataset; of doublings what they change; what is not measured."""
-    columns = columns_of(found)
-    rows = [
-        (
-            each.words,
-            each.dataset,
-            *(_with_verdict(each.estimates[column.key], column) for column in columns),
-        )
-        for each in measured_differences(found, plan)
-    ]
-    head = ("difference", "dataset", *(each.header for each in columns))
-    parts = [markdown.table(head, rows)] if rows else []
-    if plan.doubling and rows:
-        parts += [f"{ORDERS}{order_table(found, plan)}", budget_table(found, plan)]
-    if missing := missing_pairs(found, plan):
-        parts.append("Not compared yet:\n\n" + "".join(f"- {each}\n" for each in missing))
-    return "\n".join(parts)
-
-
-CLONE = "bc"
-"""The algorithm that copies the data."""
-
-
-def clone_of(study: Study) -> str:
-    """The label of the plain clone; empty if the study has none."""
-    plain = (
-        label
-        for label, row in study.algorithms.items()
-        if row.algorithm == CLONE and not row.settings and row.rewards is None
-    )
-    return next(plain, "")
+CLONE = "bc"  # the algorithm that copies the data
 
 
 def distance_table(found: Findings) -> str:
@@ -191,7 +149,12 @@ def distance_table(found: Findings) -> str:
 
     The mean of the data is a known number, so nothing is paired with it.
     """
-    board, clone, rows = found.main, clone_of(found.study), []
+    plain = (
+        label
+        for label, row in found.study.algorithms.items()
+        if row.algorithm == CLONE and not row.settings and row.rewards is None
+    )
+    board, clone, rows = found.main, next(plain, ""), []
     for dataset, estimates in board.estimates.items():
         mean = board.data.get(dataset)
         for label, own in estimates.items():
@@ -210,11 +173,7 @@ def _with_verdict(difference: Estimate, column: Column) -> str:
     return f"{format_difference(difference, column)}, {verdict_of(difference)}"
 
 
-CHANGE_LIMIT = 60.0
-"""Points of score at which colors end."""
-
-Found = Mapping[str, Mapping[str, Estimate]]
-"""Panel -> row -> difference, in shown units; NaN is left out."""
+CHANGE_LIMIT = 60.0  # points of score at which colors end
 
 
 def plot_row_differences(
@@ -225,27 +184,25 @@ def plot_row_differences(
     Of one pair, or on one dataset, every quantity is a panel. Several pairs on a few datasets have
     a panel for each dataset, with the first quantity; on many datasets they are a matrix.
     """
-    main, pairs = columns[0], list(dict.fromkeys(map(_pair, differences)))
+    main, pairs = columns[0], list(dict.fromkeys(each.pair for each in differences))
     datasets = list(dict.fromkeys(each.dataset for each in differences))
     if len(datasets) == 1 or len(pairs) == 1:
         by_pair = len(datasets) == 1
-        title = datasets[0] if by_pair else pairs[0]
-        found = {
-            f"change of {column.header}": {
-                _pair(each) if by_pair else each.dataset: each.shown(column) for each in differences
-            }
+        found = [
+            {each.pair if by_pair else each.dataset: each.shown(column) for each in differences}
             for column in columns
-        }
-        _plot_changes(found, [title], list(found), path)
+        ]
+        titles = [datasets[0] if by_pair else pairs[0], *[""] * (len(columns) - 1)]
+        _plot_changes(found, titles, [f"change of {column.header}" for column in columns], path)
     elif len(datasets) <= MAX_PANELS_IN_A_LINE:
-        found = {
-            name: {_pair(each): each.shown(main) for each in differences if each.dataset == name}
+        found = [
+            {each.pair: each.shown(main) for each in differences if each.dataset == name}
             for name in datasets
-        }
+        ]
         _plot_changes(found, datasets, [f"change of {main.header}"] * len(datasets), path)
     else:
         cells = {
-            (each.dataset, _pair(each)): MatrixCell(value, value, verdict_of(change) != UNCLEAR)
+            (each.dataset, each.pair): MatrixCell(value, value, verdict_of(change) != UNCLEAR)
             for each in differences
             if not math.isnan(value := (change := each.shown(main)).value)
         }
@@ -262,45 +219,41 @@ def plot_row_differences(
         plot_matrix(cells, rows, {"": order}, path, notes)
 
 
-def _pair(each: RowDifference) -> str:
-    return words_of_pair(each.one, each.other)
-
-
-def _plot_changes(found: Found, titles: Sequence[str], labels: Sequence[str], path: Path) -> None:
-    """Draws a line of panels, rows sorted by the first; hollow markers may be 0."""
-    rows = list(dict.fromkeys(row for each in found.values() for row in each))
-    first = next(iter(found.values()))
-    rows.sort(key=lambda row: -first[row].value if row in first else math.inf)
+def _plot_changes(
+    found: Sequence[Mapping[str, Estimate]],
+    titles: Sequence[str],
+    labels: Sequence[str],
+    path: Path,
+) -> None:
+    rows = list(dict.fromkeys(row for each in found for row in each))
+    rows.sort(key=lambda row: -found[0][row].value if row in found[0] else math.inf)
     panels = []
-    for k, (label, each) in enumerate(zip(labels, found.values(), strict=True)):
+    for each, title, label in zip(found, titles, labels, strict=True):
         known = {row: change for row, change in each.items() if not math.isnan(change.value)}
         unclear = [row for row, change in known.items() if verdict_of(change) == UNCLEAR]
-        title = titles[k] if k < len(titles) else ""
         panels.append(Panel(known, label, title, scale=label, hollow=unclear))
     plot_dots([PanelLine(rows, panels)], {}, path, legend={UNCLEAR: HOLLOW_LOOK}, zero=True)
 
 
-Budgets = dict[int, list[RowDifference]]
-"""Updates that are doubled -> the changes on all datasets."""
+Budgets = dict[int, list[RowDifference]]  # updates that are doubled -> the changes on all datasets
 
 
-def budget_table(found: Findings, plan: DifferencesPlan) -> str:
+def budget_table(
+    found: Findings, pairs: Sequence[tuple[str, str]], measured: Sequence[RowDifference]
+) -> str:
     """For each family, the shortest budget after which doubling changes no score clearly.
 
     All longer doublings that were tried have to pass too, on every dataset of the rows. Beside it
     are the clear changes of the longest doubling that does not pass.
     """
-    measured = measured_differences(found, plan)
+    study, rows = found.study, []
     families: dict[str, list[tuple[str, str]]] = {}
-    for one, other in plan.pairs:
-        families.setdefault(found.study.algorithms[one].family, []).append((one, other))
-    rows = []
-    for family, pairs in families.items():
-        budgets = _budgets(found.study, pairs, measured)
-        if budgets is None:
-            rows.append((family, UNDEFINED, "not measured on all datasets"))
-        else:
-            rows.append((family, *_enough(budgets, found.main.column)))
+    for one, other in pairs:
+        families.setdefault(study.algorithms[one].family, []).append((one, other))
+    for family, own in families.items():
+        budgets = _budgets(study, own, measured)
+        unknown = UNDEFINED, "not measured on all datasets"
+        rows.append((family, *(_enough(budgets, found.main.column) if budgets else unknown)))
     return markdown.table(("family", "enough updates", "clear changes of the next doubling"), rows)
 
 
@@ -344,25 +297,20 @@ def order_table(found: Findings, plan: DifferencesPlan) -> str:
 
     `>` where a family is clearly better than the next one, `≥` where it is not.
     """
-    ids, labels = found.dataset_ids, _labels_by_updates(found.study, plan)
+    study, ids = found.study, found.dataset_ids
+    labels: dict[
+        int, dict[str, str]
+    ] = {}  # updates -> family -> row; the shorter one of a pair wins
+    for place in (0, 1):
+        for pair in plan.pairs:
+            family = study.algorithms[pair[place]].family
+            labels.setdefault(_updates(study, pair[place]), {})[family] = pair[place]
     rows = [
-        (name, *(_order(found.main, ids[name], each) for each in labels.values()))
-        for name in map(short_name, found.study.datasets)
+        (name, *(_order(found.main, ids[name], labels[n]) for n in sorted(labels)))
+        for name in map(short_name, study.datasets)
         if name in ids
     ]
-    return markdown.table(("dataset", *(f"{updates:,} updates" for updates in labels)), rows)
-
-
-def _labels_by_updates(study: Study, plan: DifferencesPlan) -> dict[int, dict[str, str]]:
-    """Updates -> family -> the row that was trained so long."""
-    once: dict[int, dict[str, str]] = {}
-    twice: dict[int, dict[str, str]] = {}
-    for longer, shorter in plan.pairs:
-        updates, family = _updates(study, shorter), study.algorithms[shorter].family
-        once.setdefault(updates, {})[family] = shorter
-        twice.setdefault(2 * updates, {})[family] = longer
-    lengths = sorted({*once, *twice})
-    return {updates: twice.get(updates, {}) | once.get(updates, {}) for updates in lengths}
+    return markdown.table(("dataset", *(f"{n:,} updates" for n in sorted(labels))), rows)
 
 
 def _order(board: Scoreboard, dataset: str, labels: Mapping[str, str]) -> str:

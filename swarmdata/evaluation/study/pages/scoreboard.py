@@ -28,8 +28,7 @@ class Scoreboard:
 
     column: Column  # the format of its numbers
     values: Mapping[str, Mapping[str, Double]]
-    """Dataset -> label -> values [runs, episodes] in stored units, the same episodes for all
-    labels; labels in the study's order."""
+    """Dataset -> label, in the study's order -> [runs, episodes], the same episodes for all."""
     data: Mapping[str, float]  # dataset -> mean of its own episodes, where it is known
     families: Mapping[str, str]  # label -> family, in the study's order
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
 from swarmdata.drawing import markdown
+from swarmdata.errors import StudyError
 from swarmdata.evaluation.figures.dot_plot import (
     MAX_PANELS_IN_A_LINE,
     fits_on_a_screen,
@@ -17,17 +18,16 @@ from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
 from swarmdata.evaluation.results.result_tables import aggregate_table
-from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE, Degradation
+from swarmdata.evaluation.robustness.sweep_tables import Degradation
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.cell_archive import (
     ARCHIVE_FILE,
     Notes,
-    check_archive,
     read_archive,
     write_archive,
 )
-from swarmdata.evaluation.study.pages.collect_results import Findings
+from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
 from swarmdata.evaluation.study.pages.csv_tables import (
     cost_rows,
     curve_rows,
@@ -35,8 +35,7 @@ from swarmdata.evaluation.study.pages.csv_tables import (
     estimate_rows,
     run_rows,
 )
-from swarmdata.evaluation.study.pages.data_sizes import size_section
-from swarmdata.evaluation.study.pages.data_views import information_section, view_rows
+from swarmdata.evaluation.study.pages.data_views import information_section, size_section, view_rows
 from swarmdata.evaluation.study.pages.row_differences import (
     difference_rows,
     differences_sections,
@@ -57,7 +56,7 @@ from swarmdata.evaluation.study.pages.training_curves import (
     online_curve_section,
 )
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.study.shifts.shift_table import (
+from swarmdata.evaluation.study.shifts.shift import (
     TASKS_FILE,
     TRANSFER_FILE,
     Shifted,
@@ -66,8 +65,7 @@ from swarmdata.evaluation.study.shifts.shift_table import (
     transfer_section,
     write_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweep_sections import (
-    SWEEPS_FOLDER,
+from swarmdata.evaluation.study.shifts.sweeps import (
     read_sweeps,
     sweep_sections,
 )
@@ -82,14 +80,14 @@ MADE = "<!-- What follows is made by swarmdata; what stands above this line is k
 STUDY = OutputKind("study")
 
 REPORT_FILE = "report.md"
-RESULTS_FILE = "results.csv"
-DATA_FILE = "data.csv"
-COSTS_FILE = "costs.csv"
-CURVES_FILE = "curves.csv"
+TABLES = {
+    "results.csv": run_rows,
+    "data.csv": dataset_rows,
+    "costs.csv": cost_rows,
+    "curves.csv": curve_rows,
+}
 
 BLOCK_NAMES = {"evaluation": "reserved", "validation": "validation"}
-"""What texts call the seeds of a block."""
-
 
 DATA_CAPTION = (
     "The mean of the data is that of all episodes of a dataset, action noise included: a known "
@@ -97,20 +95,23 @@ DATA_CAPTION = (
     "episode. A difference is higher or lower if its whole interval is."
 )
 
+LINKS = """- [results.csv](results.csv): a row for every run
+- [estimates.csv](estimates.csv): every mean with its interval
+- [data.csv](data.csv): a row for every dataset
+- [costs.csv](costs.csv): a row for every cell
+- [study.yaml](study.yaml): the plan of the study
+- [cells.tar.xz](cells.tar.xz): the episodes, from which `swarmdata study FOLDER` writes this page \
+again
+"""
+
 
 def write_pages(
-    found: Findings,
-    out: Path,
-    command: str,
-    shifts: Mapping[str, Sequence[Shifted]],
+    found: Findings, out: Path, command: str, shifts: Mapping[str, Sequence[Shifted]]
 ) -> list[Path]:
     """Writes tables of what was measured, the archive and, from it, estimates, page and figures.
 
-    Files that a study wrote into `out` are replaced. The page has the command that runs the study
-    again. `shifts` is what policies reach in other views and tasks, by the name of the file.
-
-    Returns:
-        The files, the page first.
+    The page has the command that runs the study again. `shifts` is what policies reach in other
+    views and tasks, by the name of the file. Returns the files, the page first.
 
     Raises:
         OutputError: the folder has files that no study wrote.
@@ -118,13 +119,7 @@ def write_pages(
     missing = {name: without_folders(reason) for name, reason in found.missing.items()}
     notes = Notes(command=without_folders(command), missing=missing)
     with filled(out, STUDY) as folder:
-        tables = {
-            RESULTS_FILE: run_rows,
-            DATA_FILE: dataset_rows,
-            COSTS_FILE: cost_rows,
-            CURVES_FILE: curve_rows,
-        }
-        for name, rows_of in tables.items():
+        for name, rows_of in TABLES.items():
             write_file(folder / name, to_csv(rows_of(found)).encode())
         plan = Study.parse(without_places(found.study.model_dump(mode="json")), PLAN_FILE)
         write_file(folder / PLAN_FILE, plan.to_yaml().encode())
@@ -132,16 +127,11 @@ def write_pages(
             write_shifts(rows, folder / name)
         write_archive(found, notes, folder / ARCHIVE_FILE)
         files = _write_from_archive(folder, out)
-    _remove(out, {name for name in shifts if out / name not in files})
+    remove_left(out, {name for name in shifts if out / name not in files})
     return files
 
 
-def remove_sweeps(out: Path, labels: Collection[str]) -> None:
-    """Removes the tables of sweeps that are not measured, so that no page shows them."""
-    _remove(out, {f"{SWEEPS_FOLDER}/{label}/{SWEEP_FILE}" for label in labels})
-
-
-def _remove(out: Path, names: Collection[str]) -> None:
+def remove_left(out: Path, names: Collection[str]) -> None:
     """Removes what an earlier plan, or results that are gone, left in a study's folder."""
     for name in listed_files(out, STUDY).intersection(names):
         (out / name).unlink(missing_ok=True)
@@ -151,15 +141,16 @@ def rewrite_pages(out: Path) -> list[Path]:
     """Writes estimates, page and figures of a finished study again, from its folder alone.
 
     What policies reach in other conditions is not computed again: the archive does not have these
-    episodes, and the folder has the estimates. Text above the made part of the page stays.
-
-    Returns:
-        The files, the page first.
+    episodes, and the folder has the estimates. Returns the files, the page first.
 
     Raises:
         StudyError: the folder has no archive of cells.
     """
-    check_archive(out / ARCHIVE_FILE)
+    if not (out / ARCHIVE_FILE).exists():
+        raise StudyError(
+            f"{out} has no {ARCHIVE_FILE}, from which its pages could be written again: it is not "
+            "the folder of a study, or an older version wrote it. Run the study from its plan."
+        )
     with filled(out, STUDY) as folder:
         for name in (PLAN_FILE, ARCHIVE_FILE, TRANSFER_FILE, TASKS_FILE):
             if (out / name).exists():
@@ -172,8 +163,11 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
     study = Study.from_file(folder / PLAN_FILE)
     with tempfile.TemporaryDirectory() as unpacked:
         found, notes = read_archive(study, folder / ARCHIVE_FILE, Path(unpacked))
-        write_file(folder / ESTIMATES_FILE, to_csv(estimate_rows(found)).encode())
-        tables = {"differences.csv": difference_rows(found), "views.csv": view_rows(found)}
+        tables: dict[str, Sequence[Mapping[str, object]]] = {
+            ESTIMATES_FILE: estimate_rows(found),
+            "differences.csv": difference_rows(found),
+            "views.csv": view_rows(found),
+        }
         for name, rows in tables.items():
             if rows:
                 write_file(folder / name, to_csv(rows).encode())
@@ -185,7 +179,6 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
 
 
 def _made(found: Findings, out: Path, command: str, sweeps: Mapping[str, Degradation]) -> str:
-    """The sections of the page, whose figures are drawn in a folder."""
     online, missing = online_table(found.results.baselines), list(found.missing.items())
     sections = [
         ("Protocol", _protocol(found, command)),
@@ -232,15 +225,14 @@ def _protocol(found: Findings, command: str) -> str:
         "seeds share on an episode); differences between algorithms are paired by episode.\n\n"
         f"{_mixtures(found)}{_rewards(found)}```\n{command}\n```\n\n"
         "Lengths of training (an epoch is as many joint transitions as the training split has):\n\n"
-        f"{training_table(found)}\n{_links()}"
+        f"{training_table(found)}\n{LINKS}"
     )
 
 
 def _mixtures(found: Findings) -> str:
     """What was mixed, and how it is called in tables; empty: nothing."""
-    mixed = [cell for cell in found.cells if cell.parts and cell.name in found.facts]
-    as_recorded = [cell for cell in mixed if not (cell.observation or cell.communication)]
-    names = {cell.source: found.facts[cell.name].id for cell in as_recorded}
+    mixed = [cell for cell in found.cells if cell.parts and is_in_grid(found.study, cell)]
+    names = {cell.source: found.facts[cell.name].id for cell in mixed if cell.name in found.facts}
     rows = [
         (f"`{names[mixture]}`", f"`{mixture}`", f"`{short_name(part)}`", f"{weight:g}")
         for mixture, parts in found.study.mixtures.items()
@@ -262,37 +254,19 @@ def _rewards(found: Findings) -> str:
     return f"{markdown.table(head, rows)}\n" if rows else ""
 
 
-def _links() -> str:
-    """What the other files of the folder have."""
-    files = {
-        RESULTS_FILE: "a row for every run",
-        ESTIMATES_FILE: "every mean with its interval",
-        DATA_FILE: "a row for every dataset",
-        COSTS_FILE: "a row for every cell",
-        PLAN_FILE: "the plan of the study",
-        ARCHIVE_FILE: "the episodes, from which `swarmdata study FOLDER` writes this page again",
-    }
-    return "".join(f"- [{name}]({name}): {what}\n" for name, what in files.items())
-
-
 def _scores(found: Findings, out: Path) -> str:
     board = found.main
-    scale = {
-        "score": "0 is the better of an idle and a random team, 100 the expert.",
-        "return": "Team return; this world has no measured expert.",
-    }[board.column.key]
+    is_score = board.column.key == "score"
+    scale = "Team return; this world has no measured expert."
+    if is_score:
+        scale = "0 is the better of an idle and a random team, 100 the expert."
     shown = {without_version(name): board.in_shown_units(name) for name in board.estimates}
     n_lines = math.ceil(len(shown) / MAX_PANELS_IN_A_LINE)
     if fits_on_a_screen(len(board.families), n_lines):
         plot_by_dataset(
-            shown,
-            board.shown_data,
-            found.looks,
-            out / "scores.png",
-            label=board.column.label,
-            families=board.families,
-            shares_axis=board.column.key == "score",
-        )
+            shown, board.shown_data, found.looks, out / "scores.png", label=board.column.label,
+            families=board.families, shares_axis=is_score,
+        )  # fmt: skip
     else:
         means = {
             name: dict.fromkeys(each, board.shown_data[without_version(name)])
@@ -308,7 +282,6 @@ def _scores(found: Findings, out: Path) -> str:
 
 
 def _overall(found: Findings, out: Path) -> dict[str, str]:
-    """Aggregates of the algorithms that have results on all datasets."""
     results = found.results
     tables = comparable_scores(results).tables
     if len(tables) < 2 or len(results.cases) < 2:

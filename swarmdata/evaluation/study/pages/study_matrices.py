@@ -9,14 +9,12 @@ from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_mat
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
 from swarmdata.specs.plain_names import without_version
 
-LEAST_COVERAGE = 1 / 3
-"""Of the datasets of a study, on which a row has to be to get a column."""
+LEAST_COVERAGE = 1 / 3  # of the datasets of a study, on which a row has to be to get a column
 
 FRAMES = "framed: the best of a dataset and those not clearly worse (paired); dot: not run"
 
 
-SCALE_LIMIT = 60.0
-"""Points of score or percentage points at which colors end."""
+SCALE_LIMIT = 60.0  # points of score or percentage points at which colors end
 
 
 def plot_board(
@@ -27,16 +25,10 @@ def plot_board(
     *,
     has_side: bool = False,
 ) -> None:
-    """Draws a quantity of all rows on all datasets, colored by the difference to another number.
+    """Draws a quantity of all rows on all datasets, colored by the difference to `base`.
 
-    Rows of the matrix are the datasets by task; of few datasets, the rows of the study.
-
-    Args:
-        board: the quantity.
-        path: where to save.
-        base: dataset -> label -> what its color is the difference to, in shown units.
-        scale: what the color shows.
-        has_side: whether the mean of the data stands beside each dataset.
+    Rows of the matrix are the datasets by task, perhaps with the mean of the data beside them; of
+    few datasets, the rows of the study. `scale` says what the color shows.
     """
     datasets = _datasets(board)
     is_wide = len(board.estimates) > MAX_PANELS_IN_A_LINE

@@ -1,6 +1,6 @@
 """The tables of a study, as Markdown."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.results.estimate_table import UNDEFINED, format_estimate, format_number
@@ -21,41 +21,34 @@ def scoreboard_table(board: Scoreboard, *, is_ranked: bool = True) -> str:
 
     Ranked ones have `Scoreboard.leaders` in bold.
     """
-    names = list(board.estimates)
-    head = ("algorithm", "family", *map(without_version, names))
     data_row = ["mean of the data", ""]
-    for name in names:
+    rows = {label: [f"`{label}`", family] for label, family in board.families.items()}
+    for name, found in board.estimates.items():
         mean = board.data.get(name)
         data_row.append(UNDEFINED if mean is None else format_number(mean, board.column))
-    cells: dict[tuple[str, str], str] = {}
-    for name, found in board.estimates.items():
         bold = board.leaders(name) if is_ranked and found else []
-        for label, each in found.items():
-            text = format_estimate(each, board.column)
-            cells[label, name] = f"**{text}**" if label in bold else text
-    rows = [
-        (f"`{label}`", family, *(cells.get((label, name), UNDEFINED) for name in names))
-        for label, family in board.families.items()
-    ]
-    return markdown.table(head, [data_row, *rows])
+        for label, row in rows.items():
+            text = format_estimate(found[label], board.column) if label in found else UNDEFINED
+            row.append(f"**{text}**" if label in bold else text)
+    head = ("algorithm", "family", *map(without_version, board.estimates))
+    return markdown.table(head, [data_row, *rows.values()])
 
 
 def online_table(cases: Sequence[Case]) -> str:
     """The online algorithms, evaluated in the same way; empty if there are none."""
-    rows = []
+    quantities, rows = [QUANTITIES[key] for key in ONLINE_COLUMNS], []
     for case in cases:
-        known = {quantity.column.key: quantity for quantity in quantities_of(case)}
         for label, runs in case.runs.items():
             cells = [
-                format_estimate(estimate(known[key], case, label), known[key].column)
-                if key in known
+                format_estimate(estimate(each, case, label), each.column)
+                if each in quantities_of(case)
                 else UNDEFINED
-                for key in ONLINE_COLUMNS
+                for each in quantities
             ]
             frames = runs[0].provenance.frames
             rows.append((f"`{label}`", str(len(runs)), f"{frames or 0:,}", *cells))
-    headers = (QUANTITIES[key].column.header for key in ONLINE_COLUMNS)
-    return markdown.table(("algorithm", "seeds", "joint steps", *headers), rows) if rows else ""
+    head = ("algorithm", "seeds", "joint steps", *(each.column.header for each in quantities))
+    return markdown.table(head, rows) if rows else ""
 
 
 def training_table(found: Findings) -> str:
@@ -65,38 +58,30 @@ def training_table(found: Findings) -> str:
         cells = [cell for cell in found.cells if cell.label == label and cell.kind == "offline"]
         if not cells:
             continue
-        rows.append(
-            (
-                f"`{label}`",
-                number_range(sorted({cell.n_updates for cell in cells})),
-                number_range(sorted({cell.config["batch_size"] for cell in cells})),
-                hidden_widths(cells),
-                epochs_of(found, cells),
-            )
-        )
+        updates = number_range({cell.n_updates for cell in cells})
+        batches = number_range({cell.config["batch_size"] for cell in cells})
+        rows.append((f"`{label}`", updates, batches, _hidden(cells), _epochs(found, cells)))
     head = ("algorithm", "updates", "joint transitions in a batch", "hidden units", "epochs")
     return markdown.table(head, rows)
 
 
-def hidden_widths(cells: Sequence[Cell]) -> str:
-    """The widths of the hidden layers of all networks, each once."""
-    configs = (cell.config.items() for cell in cells)
+def _hidden(cells: Sequence[Cell]) -> str:
     widths = [
         ", ".join(map(str, value))
-        for config in configs
-        for name, value in config
+        for cell in cells
+        for name, value in cell.config.items()
         if name.endswith("hidden") and isinstance(value, list)
     ]
     return "; ".join(dict.fromkeys(widths)) or UNDEFINED
 
 
-def epochs_of(found: Findings, cells: Sequence[Cell]) -> str:
+def _epochs(found: Findings, cells: Sequence[Cell]) -> str:
     """Updates times batch over the joint steps of the training split; smallest to largest."""
-    epochs = sorted(
+    epochs = [
         cell.n_updates * cell.config["batch_size"] / found.facts[cell.name].train_steps
         for cell in cells
-    )
-    ends = [f"{each:.2g}" if each < 10 else f"{each:,.0f}" for each in (epochs[0], epochs[-1])]
+    ]
+    ends = (f"{n:.2g}" if n < 10 else f"{n:,.0f}" for n in (min(epochs), max(epochs)))
     return " to ".join(dict.fromkeys(ends))
 
 
@@ -106,8 +91,8 @@ def cost_table(found: Findings) -> str:
     for label in dict.fromkeys(cell.label for cell in found.cells):
         cells = [cell for cell in found.cells if cell.label == label]
         costs = [found.costs[cell.name] for cell in cells]
-        updates = sorted({cell.n_updates for cell in cells if cell.kind == "offline"})
-        rows.append((f"`{label}`", str(len(cells)), number_range(updates), *_cost_cells(costs)))
+        updates = number_range({cell.n_updates for cell in cells if cell.kind == "offline"})
+        rows.append((f"`{label}`", str(len(cells)), updates, *_cost_cells(costs)))
     rows.append(
         ("all", str(len(found.cells)), "", *_cost_cells(list(found.costs.values()), is_total=True))
     )
@@ -116,16 +101,13 @@ def cost_table(found: Findings) -> str:
     return markdown.table(head, rows)
 
 
-def number_range(values: Sequence[int]) -> str:
-    """The smallest and the largest of sorted numbers as text; a dash without numbers."""
-    if not values:
-        return UNDEFINED
-    ends = (values[0],) if len(values) == 1 else (values[0], values[-1])
-    return " to ".join(f"{value:,}" for value in ends)
+def number_range(values: Collection[int]) -> str:
+    """The smallest and the largest number as text; a dash without numbers."""
+    ends = dict.fromkeys((min(values), max(values))) if values else ()
+    return " to ".join(f"{value:,}" for value in ends) or UNDEFINED
 
 
 def _cost_cells(costs: Sequence[Cost], *, is_total: bool = False) -> tuple[str, ...]:
-    """Mean speed, total times, peak memory."""
     speeds = [cost.updates_per_second for cost in costs]
     known = [speed for speed in speeds if speed]
     speed = f"{sum(known) / len(known):,.0f}" if known and not is_total else UNDEFINED

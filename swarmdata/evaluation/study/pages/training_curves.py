@@ -1,6 +1,6 @@
 """The sections on training: learning curves, and logged quantities such as Q-values."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path
 
 from swarmdata.drawing import markdown
@@ -11,12 +11,11 @@ from swarmdata.evaluation.results.learning_curves import Curve, curve_line, last
 from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
+from swarmdata.learn.training.run_files import CURVE, LOSSES
 
-PANEL_HEIGHT = 1.45
-"""Inches."""
+PANEL_HEIGHT = 1.45  # inches
 
-MAX_ON_LINEAR_AXIS = 50.0
-"""Values beyond this one get a logarithmic axis, so that small ones beside them stay visible."""
+MAX_ON_LINEAR_AXIS = 50.0  # larger values get a logarithmic axis, so that small ones stay visible
 
 CURVES_CAPTION = (
     "Means over seeds, in bands from the lowest to the highest seed. Success at the end (%), and "
@@ -28,14 +27,13 @@ Panels = dict[str, dict[str, Curve]]
 
 def curve_section(found: Findings, out: Path) -> dict[str, str]:
     """Team success during training, and its gain over the last fifth."""
-    panels = _panels((cell, found.learning_curve(cell, "success")) for cell in _offline_grid(found))
+    panels = _panels(found, _offline_grid(found), CURVE, "success")
     if not panels:
         return {}
-    drawn = {
-        f"{dataset}\n{family}": {k: v for k, v in curves.items() if found.family(k) == family}
-        for dataset, curves in panels.items()
-        for family in dict.fromkeys(map(found.family, curves))
-    }
+    drawn: Panels = {}
+    for dataset, curves in panels.items():
+        for label, curve in curves.items():
+            drawn.setdefault(f"{dataset}\n{found.family(label)}", {})[label] = curve
     n_families = len({found.family(label) for curves in panels.values() for label in curves})
     plot_training_curves(
         drawn, found.looks, out / "curves.png", "team success (%)", factor=100.0,
@@ -50,7 +48,7 @@ def curve_section(found: Findings, out: Path) -> dict[str, str]:
 def online_curve_section(found: Findings, out: Path) -> dict[str, str]:
     """Team success on validation episodes during online training, and its gain at the end."""
     cells = [cell for cell in found.cells if cell.kind == "online"]
-    panels = _panels((cell, found.learning_curve(cell, "success")) for cell in cells)
+    panels = _panels(found, cells, CURVE, "success")
     if not panels:
         return {}
     drawn = {  # by row without its task, so that a color means the same on all tasks
@@ -79,10 +77,9 @@ def plot_training_curves(
     n_columns: int = 3,
     xlabel: str = "gradient updates",
 ) -> None:
-    """Draws values over training: the mean over seeds in a band from lowest to highest.
+    """Draws values over training, by title and algorithm: means in bands of all seeds.
 
-    Panels, `n_columns` in a row at most, are title -> algorithm -> curve; `factor` is from its
-    values to the unit of the vertical axis, which they share.
+    `factor` is from values to the unit of the vertical axis, which all panels share.
     """
     styles = {name: {**looks[name], **look} for name, look in line_looks(looks).items()}
     drawn = [
@@ -97,7 +94,6 @@ def plot_training_curves(
 
 
 def _gain_table(panels: Panels) -> str:
-    """A row for each algorithm, a column for each dataset."""
     gains = {
         (label, dataset): f"{100 * c.values[:, -1].mean():.1f} ({100 * last_gain(c):+.1f})"
         for dataset, curves in panels.items()
@@ -117,12 +113,8 @@ def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
     parts = []
     for name, wanted in found.study.losses.items():
         data = [short_name(dataset) for dataset in wanted.datasets]
-        panels = _panels(
-            (cell, found.training_curve(cell, wanted.column))
-            for cell in _offline_grid(found)
-            if cell.data in data and cell.label in wanted.algorithms
-        )
-        if panels:
+        cells = [c for c in _offline_grid(found) if c.data in data and c.label in wanted.algorithms]
+        if panels := _panels(found, cells, LOSSES, wanted.column):
             file = f"losses-{name}.png"
             curves = [curve for each in panels.values() for curve in each.values()]
             is_log = any(abs(curve.values).max() > MAX_ON_LINEAR_AXIS for curve in curves)
@@ -133,17 +125,16 @@ def loss_sections(found: Findings, out: Path) -> list[tuple[str, str]]:
     return parts
 
 
-def _panels(curves: Iterable[tuple[Cell, Curve | None]]) -> Panels:
+def _panels(found: Findings, cells: Sequence[Cell], file: str, column: str) -> Panels:
     """The curves of cells by their data, without those that were not measured."""
     panels: Panels = {}
-    for cell, curve in curves:
-        if curve is not None:
+    for cell in cells:
+        if (curve := found.training_curve(cell, file, column)) is not None:
             panels.setdefault(cell.data, {})[cell.label] = curve
     return panels
 
 
 def _ends_table(panels: Panels) -> str:
-    """The first and last value of every line: means over seeds, and the seeds it ends between."""
     head = ("dataset", "algorithm", "first", "last", "lowest seed", "highest seed")
     rows = []
     for dataset, curves in panels.items():

@@ -24,13 +24,15 @@ def cells(study: Study) -> dict[str, Cell]:
     return {cell.name: cell for cell in cells_of(study, lambda dataset: "d" * 64)}
 
 
+def configs(make_study: Make, algorithms: Any, **changes: Any) -> list[dict[str, Any]]:
+    """Configurations of the rows on one dataset."""
+    study = make_study(algorithms=algorithms, datasets=["coop_nav-medium"], **changes)
+    return [cell.config for cell in cells(study).values()]
+
+
 def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
-    algorithms = {
-        "half": {"algorithm": "maddpg_bc", "family": "f"},
-        "own": {**MADDPG, "settings": {"actor_hidden": [4, 4], "rl_weight": 2}},
-    }
-    found = cells(make_study(algorithms=algorithms, budget=0.5, datasets=["coop_nav-medium"]))
-    half, own = found["half/coop_nav-medium"].config, found["own/coop_nav-medium"].config
+    own = {**MADDPG, "settings": {"actor_hidden": [4, 4], "rl_weight": 2}}
+    half, own = configs(make_study, {"maddpg_bc": {}, "own": own}, budget=0.5)
     assert half["n_updates"] == 9000
     assert (half["actor_hidden"], half["critic_hidden"]) == ([8], [8])
     assert (own["n_updates"], own["rl_weight"]) == (10, 2.0)
@@ -38,23 +40,16 @@ def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
 
 
 def test_widths_are_of_actors_and_critics_and_not_of_what_teaches_them(make_study: Make) -> None:
-    named = {
-        "mac_flow": {"algorithm": "mac_flow", "family": "f"},
-        "wide": {"algorithm": "mac_flow", "family": "f", "settings": {"flow_hidden": [4, 4]}},
-    }
-    found = cells(make_study(algorithms=named, datasets=["coop_nav-medium"])).values()
-    own, wide = (each.config for each in found)
+    wide = {"algorithm": "mac_flow", "settings": {"flow_hidden": [4, 4]}}
+    own, wide = configs(make_study, {"mac_flow": {}, "wide": wide})
     assert (own["actor_hidden"], own["critic_hidden"]) == ([8], [8])
     assert own["flow_hidden"] == list(MACFlowConfig().flow_hidden)
     assert wide["flow_hidden"] == [4, 4]
 
 
 def test_settings_for_all_reach_those_that_have_them(make_study: Make) -> None:
-    algorithms = {"bc": BC, "own": {**MADDPG, "settings": {"rl_weight": 2}}}
-    found = cells(
-        make_study(algorithms=algorithms, settings={"actor_hidden": [4, 4], "rl_weight": 3})
-    ).values()
-    bc, own = (each.config for each in found)
+    rows = {"bc": BC, "own": {**MADDPG, "settings": {"rl_weight": 2}}}
+    bc, own = configs(make_study, rows, settings={"actor_hidden": [4, 4], "rl_weight": 3})
     assert (bc["hidden"], own["actor_hidden"], own["critic_hidden"]) == ([8], [4, 4], [8])
     assert own["rl_weight"] == 2.0
 
@@ -151,15 +146,14 @@ def test_rewards_that_do_not_fit_are_refused_before_anything_runs(
 
 
 def test_views_are_of_the_datasets_that_a_row_is_trained_on(make_study: Make) -> None:
+    both = {"datasets": ["coop_nav-medium", "coop_nav-expert"]}
     study = make_study(
-        datasets=["coop_nav-medium", "coop_nav-expert"],
+        **both,
         algorithms={"bc": BC, "few": {**BC, "datasets": ["coop_nav-expert"]}},
         information={
-            "datasets": ["coop_nav-medium", "coop_nav-expert"],
-            "algorithms": ["bc", "few"],
-            "views": {"near": {"observation": "state-1"}},
+            **both, "algorithms": ["bc", "few"], "views": {"near": {"observation": "state-1"}}
         },
-    )
+    )  # fmt: skip
     views = {name for name, cell in cells(study).items() if cell.observation}
     assert views == {
         "bc/coop_nav-medium~state-1", "bc/coop_nav-expert~state-1", "few/coop_nav-expert~state-1"

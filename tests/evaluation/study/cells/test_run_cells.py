@@ -6,7 +6,7 @@ import pytest
 
 from swarmdata.errors import StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, CostMeter
-from swarmdata.evaluation.study.cells.cells import COST_FILE, DONE_FILE, Cell, cells_of
+from swarmdata.evaluation.study.cells.cells import COST_FILE, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import longest_first, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.plan import Study
@@ -102,4 +102,3 @@ def test_stages_inside_others_count_only_as_their_own(
     assert cost.updates_per_second == pytest.approx(20 / 6)
     assert cost.wall_seconds == 15
     assert cost.peak_mb == 1e6
-    assert not (tmp_path / DONE_FILE).exists()

@@ -27,6 +27,7 @@ def change(low: float, high: float, dataset: str = "x") -> RowDifference:
         ((-3.0, -1.0), "lower", "−2.0 [−3.0, −1.0]"),
         ((-1.0, 2.0), "no clear change", "+0.5 [−1.0, 2.0]"),
         ((0.0, 0.0), "no clear change", "0.0 [0.0, 0.0]"),
+        ((nan, nan), "no clear change", "–"),
     ],
 )
 def test_a_difference_is_clear_if_its_whole_interval_is(
@@ -35,12 +36,6 @@ def test_a_difference_is_clear_if_its_whole_interval_is(
     found = change(*ends).estimates["score"]
     assert verdict_of(found) == verdict
     assert format_difference(found, SCORE) == text
-
-
-def test_what_is_undefined_is_a_dash_and_never_clear() -> None:
-    found = Estimate(nan, nan, nan)
-    assert format_difference(found, SCORE) == "–"
-    assert verdict_of(found) == "no clear change"
 
 
 def test_the_shortest_budget_passes_with_all_longer_ones() -> None:

@@ -16,14 +16,14 @@ from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells import cell_worker, run_cells
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER
-from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+from swarmdata.evaluation.study.pages.study_folder import MADE, page_with, rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, MADDPG, Here, Make, options_in
 from tests.support.drawn import save_empty_figures
 from tests.support.measured import csv_rows
 
-pytestmark = pytest.mark.usefixtures("here")
+pytestmark = pytest.mark.usefixtures("here", "empty_figures")
 
 WHOLE = {"algorithms": {"bc": BC, "maddpg": MADDPG}, "curves": {"points": 2, "episodes": 2}}
 
@@ -58,7 +58,6 @@ def rows(file: Path) -> list[dict[str, str]]:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("empty_figures")
 def test_everything_is_written_and_again_the_same(study: Study, finished: StudyOptions) -> None:
     before = (finished.out / "report.md").read_text()
     failures, files = run_study(study, finished, "swarmdata study tiny.yaml")
@@ -85,7 +84,6 @@ def test_everything_is_written_and_again_the_same(study: Study, finished: StudyO
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("empty_figures")
 def test_a_mixture_is_a_dataset_of_its_own(
     data: Path, other_data: Path, make_study: Make, tmp_path: Path
 ) -> None:
@@ -136,7 +134,6 @@ def _check_tables(folder: Path) -> None:
     assert {row["attempts"] for row in rows(folder / "out" / "costs.csv")} == {"1"}
 
 
-@pytest.mark.usefixtures("empty_figures")
 def test_pages_are_made_again_from_the_folder_alone(finished: StudyOptions, tmp_path: Path) -> None:
     moved = Path(shutil.copytree(finished.out, tmp_path / "elsewhere"))
     before = {path.name: path.read_bytes() for path in moved.iterdir()}
@@ -153,7 +150,6 @@ def test_pages_are_made_again_from_the_folder_alone(finished: StudyOptions, tmp_
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("empty_figures")
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
     make_study: Make, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -177,7 +173,6 @@ def _run_out_of_space(*_: object) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("empty_figures")
 def test_a_row_with_other_rewards_stands_beside_the_one_without(
     make_study: Make, data: Path, tmp_path: Path
 ) -> None:
@@ -198,7 +193,6 @@ def test_a_row_with_other_rewards_stands_beside_the_one_without(
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("empty_figures")
 def test_pairs_and_online_rows_have_sections(make_study: Make, data: Path, tmp_path: Path) -> None:
     task = tmp_path / "nav.yaml"
     task.write_text(swarmdata.load(data).task.to_yaml())
@@ -237,3 +231,13 @@ def test_pairs_and_online_rows_have_sections(make_study: Make, data: Path, tmp_p
     drawn = {path.name for path in report.parent.glob("*.png")}
     assert {"differences-doubling.png", "online-curves.png"} <= drawn
     assert "differences-more.png" not in drawn
+
+
+def test_only_what_is_made_is_replaced(tmp_path: Path) -> None:
+    file = tmp_path / "page.md"
+    file.write_text(page_with("first table", file, "Title"))
+    assert file.read_text() == f"# Title\n\n{MADE}\n\nfirst table\n"
+    file.write_text(file.read_text().replace("# Title\n", "# Title\n\nBy hand.\n"))
+    assert page_with("second", file, "Other") == f"# Title\n\nBy hand.\n\n{MADE}\n\nsecond\n"
+    file.write_text("By hand alone.\n")
+    assert page_with("second", file, "Other") == f"By hand alone.\n\n{MADE}\n\nsecond\n"
