@@ -31,6 +31,16 @@ Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
 Forge = Callable[..., Path]
 
 
+def put(name: str, episode: int, step: int, place: tuple[int, ...], value: object) -> Flaw:
+    """A value in the row of a step, or of the state before it."""
+
+    def flaw(arrays: Arrays, table: EpisodeTable) -> None:
+        extra = episode * (ALL_FIELDS[name].rows == "states")
+        arrays[name][(table.starts[episode] + extra + step, *place)] = value
+
+    return flaw
+
+
 def timeouts_as(reason: str) -> Flaw:
     """Truncations become terminations, for this reason."""
 

@@ -35,13 +35,10 @@ from tests.audit.conftest import (
     frozen,
     look,
     messages,
+    put,
     timeouts_as,
 )
 from tests.support.tiny import flip, sign
-
-
-def set_last(arrays: Arrays, table: EpisodeTable, episode: int, name: str, value: bool) -> None:
-    arrays[name][table.starts[episode] + table.lengths[episode] - 1] = value
 
 
 def columns(name: str, change: Callable[[Any], Any]) -> Flaw:
@@ -49,26 +46,14 @@ def columns(name: str, change: Callable[[Any], Any]) -> Flaw:
     return lambda _, table: {name: change(getattr(table, name))}
 
 
-def nan(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["states"][table.starts[2] + 2 + 5, 1] = np.nan
+def both_flags(value: bool) -> Flaw:
+    """At the end of the first episode."""
 
+    def flaw(arrays: Arrays, table: EpisodeTable) -> None:
+        for name in ("terminations", "truncations"):
+            arrays[name][table.lengths[0] - 1] = value
 
-def loud_action(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["actions"][table.starts[1] + 3, 2, 1] = 1.5
-
-
-def flag_in_the_middle(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["truncations"][table.starts[3] + 2] = True
-
-
-def no_end(arrays: Arrays, table: EpisodeTable) -> None:
-    set_last(arrays, table, 0, "terminations", False)
-    set_last(arrays, table, 0, "truncations", False)
-
-
-def ended_twice(arrays: Arrays, table: EpisodeTable) -> None:
-    for name in ("terminations", "truncations"):
-        set_last(arrays, table, 0, name, True)
+    return flaw
 
 
 def timeouts_as_terminals(arrays: Arrays, _: EpisodeTable) -> None:
@@ -131,11 +116,18 @@ WRONG_RETURN = columns("team_return", lambda mean: mean + 1e-4)
 EVALUATION_SEEDS = columns("seeds", lambda seeds: seeds + np.uint64(EVALUATION_BASE))
 
 FLAWS: dict[str, tuple[Flaw, str, str]] = {
-    "nan": (nan, "finite", r"1 of .* rows of states .* \(episode 2, step 5\)"),
-    "loud action": (loud_action, "bounds", "1.5 of agent 2, component 1, in episode 1, step 3"),
-    "flag in the middle": (flag_in_the_middle, "ends", "inside episodes, first episode 3, step 2"),
-    "no end": (no_end, "ends", "1 episodes have no end, first episode 0"),
-    "ended twice": (ended_twice, "ends", "1 steps are terminated and truncated"),
+    "nan": (
+        put("states", 2, 5, (1,), np.nan), "finite", r"1 of .* of states .* \(episode 2, step 5\)"
+    ),
+    "loud action": (
+        put("actions", 1, 3, (2, 1), 1.5), "bounds",
+        "1.5 of agent 2, component 1, in episode 1, step 3",
+    ),
+    "flag in the middle": (
+        put("truncations", 3, 2, (), True), "ends", "inside episodes, first episode 3, step 2"
+    ),
+    "no end": (both_flags(False), "ends", "1 episodes have no end, first episode 0"),
+    "ended twice": (both_flags(True), "ends", "1 steps are terminated and truncated"),
     "timeouts as terminals": (timeouts_as_terminals, "ends", "flags and end reasons disagree"),
     "timeouts as failures": (timeouts_as("failure"), "horizon", r"100% .* after exactly 20 steps"),
     "wrong return": (WRONG_RETURN, "table", "team_return of episodes 0, 1, 2 and"),

@@ -16,6 +16,7 @@ from tests.audit.conftest import (
     frozen,
     look,
     messages,
+    put,
     timeouts_as,
 )
 
@@ -26,14 +27,6 @@ def minus_infinity(arrays: Arrays, _: EpisodeTable) -> None:
 
 def padded_with_ones(arrays: Arrays, _: EpisodeTable) -> None:
     arrays["observations"][:, 1, 3:] = 1.0
-
-
-def half_a_choice(arrays: Arrays, _: EpisodeTable) -> None:
-    arrays["actions"][7, 0, 0] = 2.5
-
-
-def clipped_elsewhere(arrays: Arrays, _: EpisodeTable) -> None:
-    arrays["actions"][7, 1, 1] = 0.75
 
 
 def forbidden_choice(arrays: Arrays, table: EpisodeTable) -> None:
@@ -50,29 +43,26 @@ def gone(name: str, after: int, value: object = 1.0) -> Flaw:
     return flaw
 
 
-def goes_on(arrays: Arrays, _: EpisodeTable) -> None:
-    arrays["agent_terminations"][1, 1] = True
-
-
 FLAWS: dict[str, tuple[Flaw, str, str]] = {
     "minus infinity": (minus_infinity, "finite", "of states hold NaN or infinities"),
     "padding": (padded_with_ones, "padding", "observations of agent_0 have values in the padding"),
-    "half a choice": (half_a_choice, "bounds", "action 2.5 of agent 0"),
-    "other bounds": (clipped_elsewhere, "bounds", "a value from -2 to 0.5"),
+    "half a choice": (put("actions", 0, 7, (0, 0), 2.5), "bounds", "action 2.5 of agent 0"),
+    "other bounds": (put("actions", 0, 7, (1, 1), 0.75), "bounds", "a value from -2 to 0.5"),
     "forbidden": (forbidden_choice, "masks", "adversary_0 chose what its mask forbids in 1 steps"),
     "acts": (gone("actions", 1), "leaving", "actions of agents that are gone"),
     "paid": (gone("rewards", 1), "leaving", "rewards of agents that are gone"),
     "seen": (gone("observations", 2), "leaving", "observations of agents that are gone"),
     "ends again": (gone("agent_terminations", 1, True), "leaving", "ends of agents that are gone"),
     "two ways": (
-        gone("agent_truncations", 0, True),
-        "leaving",
-        "terminated and truncated, first agent 0",
+        gone("agent_truncations", 0, True), "leaving", "terminated and truncated, first agent 0"
     ),
-    "goes on": (goes_on, "leaving", "agents that go on after their end, first agent 1"),
+    "goes on": (
+        put("agent_terminations", 0, 1, (1,), True), "leaving",
+        "agents that go on after their end, first agent 1",
+    ),
     "frozen state": (frozen("states"), "rows", "states do not change"),
     "reset by itself": (crossing_windows, "boundaries", "transitions cross episodes"),
-}
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FLAWS)
