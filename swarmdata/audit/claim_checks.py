@@ -16,8 +16,7 @@ from swarmdata.store.arrays.attributes import attributes_of
 from swarmdata.store.arrays.layout import CARD, REFERENCES, metadata_file
 from swarmdata.store.table import clean_successes
 
-TIER_ORDER = ("random", "medium", "expert")
-"""Tiers in the order of their returns."""
+TIER_ORDER = ("random", "medium", "expert")  # tiers in the order of their returns
 
 MIXTURE_TIERS = {"medium-replay": ("random", "medium"), "medium-expert": ("medium", "expert")}
 """Mixtures of tiers, whose returns lie between those of the two."""
@@ -28,11 +27,7 @@ episodes; bands hold for policies without noise on a thousand episodes."""
 
 
 def identity(subject: Subject) -> Remarks:
-    """A published id belongs to the published content.
-
-    D4RL's hopper-medium-v1 and -expert-v1 were exchanged by uploading other files under the same
-    names (issue 76).
-    """
+    """A published id belongs to the published content (D4RL issue 76)."""
     entry = published().get(subject.manifest.id)
     if entry is None:
         return
@@ -52,8 +47,7 @@ def identity(subject: Subject) -> Remarks:
 def tiers(subject: Subject) -> Remarks:
     """Returns increase from random over medium to expert, and the tier's figures are in its band.
 
-    D4RL's hopper-medium-v1 and -expert-v1 were swapped (issue 76), and hopper-medium-replay-v1 was
-    better than medium (86): both are visible in the returns.
+    So swapped tiers (D4RL issue 76), and a replay above medium (86), are found.
     """
     origin = subject.origin
     if origin.recipe is None:
@@ -153,35 +147,23 @@ def attributes(subject: Subject) -> Remarks:
 
 
 def card(subject: Subject) -> Remarks:
-    """The card is the one rendered from the files: no figure is outdated or typed by hand.
-
-    OG-MARL's cards are HTML files beside the data; they lack the default environment and name wrong
-    action types. D4RL copied reference scores from v0 to v2 (issue 114).
-    """
+    """The card is the one rendered from the files: no figure is outdated or typed by hand."""
     path = subject.path / CARD
     if not path.exists():
         remark = note if subject.origin.recipe is None else problem  # edits may lack one
         yield remark(f"there is no {CARD}. Write it with: swarmdata card {subject.path} --write")
         return
-    text, wanted = path.read_bytes(), []
-    for picture in (None, f"{subject.manifest.id}.png"):  # as generated, and as published
-        try:
-            wanted.append(card_of(subject.path, picture))
-        except SwarmdataError as error:
-            yield problem(f"its card cannot be rendered: {error}")
-            return
-        if text == wanted[-1].encode():
-            break
-    else:
-        yield problem(_first_difference(text.decode(errors="replace"), wanted[0]))
-    yield from _references(subject)
-
-
-def _references(subject: Subject) -> Remarks:
-    """The references for programs are those of this version."""
-    wanted = reference_bytes(subject.origin.spec)
-    path = subject.path / REFERENCES
-    if wanted is not None and (not path.exists() or path.read_bytes() != wanted):
+    text, picture = path.read_bytes(), f"{subject.manifest.id}.png"
+    try:  # as generated, and as published
+        wanted = card_of(subject.path, None)
+        is_right = text == wanted.encode() or text == card_of(subject.path, picture).encode()
+    except SwarmdataError as error:
+        yield problem(f"its card cannot be rendered: {error}")
+        return
+    if not is_right:
+        yield problem(_first_difference(text.decode(errors="replace"), wanted))
+    references, path = reference_bytes(subject.origin.spec), subject.path / REFERENCES
+    if references is not None and (not path.exists() or path.read_bytes() != references):
         state = "differs from this version's" if path.exists() else "is absent"
         yield problem(f"{REFERENCES} {state}. Write it with: swarmdata card {subject.path} --write")
 

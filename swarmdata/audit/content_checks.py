@@ -1,6 +1,6 @@
 """Checks of the content of rows: copies, frozen rows, crossed ends, jumps, absent agents."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xxhash
@@ -15,36 +15,18 @@ from swarmdata.runtime.mapped_pages import MappedReads, release_pages
 from swarmdata.specs.state_layout import X, Y, robots_of
 from swarmdata.types import EVENTS, Bool, Float, Int, Seeds
 
-MIN_MOVING_STEPS = 4
-"""Episodes with fewer steps may end before anything has changed."""
-
-FOREIGN_FAULT_SHARE = 0.5
-"""Share of episodes of another library from which a coincidence counts as a fault."""
-
-MIN_DISTINCT_SHARE = 0.5
-"""Least share of distinct rows in our tasks; published datasets have more than 0.99."""
-
-MIN_FOREIGN_DISTINCT_SHARE = 0.01
-"""Least share of distinct rows in other environments, which may be grids."""
-
-END_EPISODES = 64
-"""Episodes whose ends are compared together: each end may make a huge page resident."""
-
-MOST_KEYS = 1 << 24
-"""Most hashes of rows that are held at a time, 128 MiB."""
-
-MAX_SPEED_FACTOR = 1.1
-"""Greatest speed in units of `max_speed`: a pushed robot may be faster than it can drive."""
-
-MAX_PUSH_DISTANCE = 0.02
-"""Distance (m) that contacts may add in one step: the solver separates overlapping bodies."""
+MIN_MOVING_STEPS = 4  # shorter episodes may end before anything has changed
+FOREIGN_FAULT_SHARE = 0.5  # of episodes of another library, from which a coincidence is a fault
+MIN_DISTINCT_SHARE = 0.5  # of rows in our tasks; published datasets have more than 0.99
+MIN_FOREIGN_DISTINCT_SHARE = 0.01  # of rows in other environments, which may be grids
+END_EPISODES = 64  # whose ends are compared together: each end may make a huge page resident
+MOST_KEYS = 1 << 24  # hashes of rows that are held at a time, 128 MiB
+MAX_SPEED_FACTOR = 1.1  # of `max_speed`: a pushed robot may be faster than it can drive
+MAX_PUSH_DISTANCE = 0.02  # m that contacts may add in a step: the solver separates bodies
 
 
 def duplicates(subject: Subject) -> Remarks:
-    """No two episodes have the same content.
-
-    CFCQL's SMAC datasets in OG-MARL contain each episode eight to ten times, in train and test.
-    """
+    """No two episodes have the same content, as each has in CFCQL's SMAC datasets of OG-MARL."""
     names = ("observations", "states", "actions")
     keys = np.empty(len(subject.table), dtype=np.uint64)
     reads = MappedReads(subject.arrays[name] for name in names)
@@ -72,8 +54,7 @@ def row_keys(rows: NDArray[Any]) -> Seeds:
 def rows(subject: Subject) -> Remarks:
     """Observations and states change while agents act, and rows are distinct.
 
-    The positions in D4RL's v1 had two distinct rows, because a copy was missing, and those of v2
-    were wrong again (D4RL issues 84 and 100); OG-MARL's recorder keeps the first state throughout.
+    A recorder that does not copy what the environment overwrites breaks it (D4RL issues 84, 100).
     """
     acted = _changes(subject, "actions") > 0
     acted &= subject.table.lengths >= MIN_MOVING_STEPS
@@ -112,12 +93,9 @@ def _changes(subject: Subject, name: str) -> Int:
 
 
 def _distinct_share(subject: Subject, name: str, chosen: Bool) -> float:
-    """Share of the rows of chosen episodes that are distinct.
-
-    Rows are told apart by a hash. Of more than `MOST_KEYS` rows, those with small hashes are
-    counted: all copies of a row or none.
-    """
+    """Share of the rows of chosen episodes that are distinct, told apart by a hash."""
     n_rows = int((subject.table.lengths[chosen] + 1).sum())
+    # of too many rows, those with small hashes are counted: all copies of a row or none
     greatest = min((1 << 64) - 1, (MOST_KEYS << 64) // n_rows)
     keys = []
     for episodes in subject.episode_groups():
@@ -132,17 +110,22 @@ def _distinct_share(subject: Subject, name: str, chosen: Bool) -> float:
 def boundaries(subject: Subject) -> Remarks:
     """The last row of an episode is the result of its last action.
 
-    It is neither the first row of the next episode (D4RL's `qlearning_dataset`, issues 145 and 204;
-    vectorized environments that reset automatically) nor a copy of the row before it (d3rlpy issue
-    164).
+    It is neither the first row of the next episode, as where environments reset automatically (D4RL
+    issues 145, 204), nor a copy of the row before it (d3rlpy issue 164).
     """
     for name in ("observations", "states"):
         if not subject.arrays[name].size:
             continue
-        ends = _ends(subject, name)
-        yield from _crossing(subject, name, ends)
+        is_copy, is_next_first, first_keys = _ends(subject, name)
+        next_first = np.flatnonzero(is_next_first)
+        most = 0 if subject.task is not None else FOREIGN_FAULT_SHARE * (len(subject.table) - 1)
+        if len(np.unique(first_keys)) > 1 and len(next_first) > most:
+            yield problem(
+                f"the last row of {name} is the first of the next episode in episodes "
+                f"{some(next_first)}: transitions cross episodes"
+            )
         long = subject.table.lengths >= MIN_MOVING_STEPS
-        copied = long & ends.is_copy
+        copied = long & is_copy
         if copied.sum() > FOREIGN_FAULT_SHARE * max(long.sum(), 1):
             yield problem(
                 f"the last row of {name} is a copy of the one before it in episodes "
@@ -150,41 +133,23 @@ def boundaries(subject: Subject) -> Remarks:
             )
 
 
-class _Ends(NamedTuple):
-    """What the last rows of the episodes are, [n] each."""
-
-    is_copy: Bool  # of the row before, which differs from the one before that
-    is_next_first: Bool  # the first row of the next episode; False for the last episode
-    first_keys: Seeds  # of the first rows
-
-
-def _ends(subject: Subject, name: str) -> _Ends:
-    """Compares the first and last rows of all episodes in an array, a few at a time."""
+def _ends(subject: Subject, name: str) -> tuple[Bool, Bool, Seeds]:
+    """Whether last rows are copies, and the next first rows; and keys of first rows, [n] each."""
     array, n = subject.arrays[name], len(subject.table)
-    ends = _Ends(np.zeros(n, np.bool_), np.zeros(n, np.bool_), np.zeros(n, np.uint64))
+    is_copy = np.zeros(n, np.bool_)  # of the row before, which differs from the one before that
+    is_next_first = np.zeros(n, np.bool_)  # False for the last episode
+    first_keys = np.zeros(n, np.uint64)
     for start in range(0, n, END_EPISODES):
         block = slice(start, start + END_EPISODES)
         last = subject.final_states[block]
         final, before = array[last], array[last - 1]
-        ends.is_copy[block] = _same(final, before)
-        ends.is_copy[block] &= ~_same(array[np.maximum(last - 2, 0)], before)
+        is_copy[block] = _same(final, before) & ~_same(array[np.maximum(last - 2, 0)], before)
         first = array[subject.state_starts[start : start + END_EPISODES + 1]]
-        ends.first_keys[block] = row_keys(first[: len(last)])
+        first_keys[block] = row_keys(first[: len(last)])
         n_next = len(first[1:])
-        ends.is_next_first[start : start + n_next] = _same(final[:n_next], first[1:])
+        is_next_first[start : start + n_next] = _same(final[:n_next], first[1:])
         release_pages(array)
-    return ends
-
-
-def _crossing(subject: Subject, name: str, ends: _Ends) -> Remarks:
-    next_first = np.flatnonzero(ends.is_next_first)
-    starts_differ = len(np.unique(ends.first_keys)) > 1
-    most = 0 if subject.task is not None else FOREIGN_FAULT_SHARE * (len(subject.table) - 1)
-    if starts_differ and len(next_first) > most:
-        yield problem(
-            f"the last row of {name} is the first of the next episode in episodes "
-            f"{some(next_first)}: transitions cross episodes"
-        )
+    return is_copy, is_next_first, first_keys
 
 
 def _same(one: Float, other: Float) -> Bool:
@@ -194,11 +159,7 @@ def _same(one: Float, other: Float) -> Bool:
 
 
 def teleports(subject: Subject) -> Remarks:
-    """No robot moves farther in a step than it can.
-
-    The flags of D4RL's antmaze do not match its episodes, so that ants jump 21 units (D4RL issues
-    77 and 128, PR 101).
-    """
+    """No robot moves farther in a step than it can, as the ants of D4RL do (issues 77, 128)."""
     task = subject.task
     if task is None:
         yield note("positions in states of other environments are unknown: jumps were not checked")
@@ -223,10 +184,7 @@ def teleports(subject: Subject) -> Remarks:
 
 
 def leaving(subject: Subject) -> Remarks:
-    """Agents that have left neither act, nor observe, nor get rewards, nor end again.
-
-    OG-MARL has no mask of living agents, so readers take the zeros of dead ones for data.
-    """
+    """Agents that have left neither act, nor observe, nor get rewards, nor end again."""
     if "alive" not in subject.arrays:
         return
     reported: set[str] = set()
@@ -264,11 +222,7 @@ def _misplaced(subject: Subject, steps: Int, states: Int) -> dict[str, Bool]:
 
 
 def rewards(subject: Subject) -> Remarks:
-    """Rewards are the stored terms times the weights of the spec, bit for bit.
-
-    D4RL's antmaze was published with one reward convention and evaluated with another (issue 199).
-    Terms that are stored apart show which weights the rewards have.
-    """
+    """Rewards are the stored terms times the weights of the spec, bit for bit (D4RL issue 199)."""
     task, arrays = subject.task, subject.arrays
     if task is None:
         return

@@ -16,36 +16,27 @@ from swarmdata.types import END_REASONS, EVENTS, Double, Int
 
 HORIZON_CODE = END_REASONS.index("horizon")
 
-TIMEOUT_SHARE = 0.9
-"""Share of terminations at the same length from which they look like timeouts."""
-
-MIN_TERMINATIONS = 10
-"""Fewer terminations than this are not examined for timeouts."""
-
-SUM_TOLERANCE = 1e-9
-"""Relative difference of sums that the order of additions explains."""
+TIMEOUT_SHARE = 0.9  # share of terminations at the same length from which they look like timeouts
+MIN_TERMINATIONS = 10  # fewer terminations than this are not examined for timeouts
+SUM_TOLERANCE = 1e-9  # relative difference of sums that the order of additions explains
 
 
 def ends(subject: Subject) -> Remarks:
     """Each episode ends once, at its last step, by the termination or truncation of its reason.
 
-    In D4RL's maze2d, "timeouts" mark reached goals and terminals are never set; antmaze's flags do
-    not match its episodes (issues 43, 85, 162, PR 128). d3rlpy gives terminals priority where both
-    are set (d3rlpy issue 463).
+    Flags of D4RL do not match its episodes (issues 43, 85, 162), or both are set (d3rlpy 463).
     """
     terminated, truncated = (_flagged(subject, name) for name in ("terminations", "truncations"))
     both = np.intersect1d(terminated, truncated)
-    if len(both):
-        place = subject.place("terminations", int(both[0]))
-        yield problem(f"{len(both):,} steps are terminated and truncated, first {place}")
     flagged, last = np.union1d(terminated, truncated), subject.last_steps
-    early, missing = np.setdiff1d(flagged, last), np.setdiff1d(last, flagged)
-    if len(early):
-        place = subject.place("terminations", int(early[0]))
-        yield problem(f"{len(early):,} flags of an end stand inside episodes, first {place}")
-    if len(missing):
-        place = subject.place("terminations", int(missing[0]))
-        yield problem(f"{len(missing):,} episodes have no end, first {place}")
+    for steps, words in (
+        (both, "steps are terminated and truncated"),
+        (np.setdiff1d(flagged, last), "flags of an end stand inside episodes"),
+        (np.setdiff1d(last, flagged), "episodes have no end"),
+    ):
+        if len(steps):
+            place = subject.place("terminations", int(steps[0]))
+            yield problem(f"{len(steps):,} {words}, first {place}")
     cut = subject.table.end_reason == HORIZON_CODE
     # other environments may report success of an episode that they truncated
     successes = subject.table.success if subject.task is None else np.zeros_like(cut)
@@ -67,8 +58,7 @@ def _flagged(subject: Subject, name: str) -> Int:
 def horizon(subject: Subject) -> Remarks:
     """The horizon truncates: no episode is longer, and no timeout is stored as a termination.
 
-    OMAR's MPE and MuJoCo data have terminals at the time limit, so that values are bootstrapped to
-    zero there; D4RL v0 had no timeouts at all (D4RL issues 77, 182).
+    Values learned from terminals at the time limit, as OMAR's data have, are zero there.
     """
     table, limit = subject.table, subject.origin.spec.horizon
     if limit is not None:
@@ -98,21 +88,16 @@ def _disguised(ended: Int, limit: int | None) -> Remarks:
         f"{share:.0%} of the {len(ended):,} terminations come after exactly {longest} steps: "
         "they look like timeouts, which are truncations"
     )
-    yield (
-        problem(f"{words} (the horizon is {limit})")
-        if limit is not None
-        else note(
+    if limit is None:
+        yield note(
             f"{words}. If that is a time limit, convert the data again with truncations there"
         )
-    )
+    else:
+        yield problem(f"{words} (the horizon is {limit})")
 
 
 def table(subject: Subject) -> Remarks:
-    """Returns and collision counts of the episode table are those of the arrays.
-
-    OG-MARL's card statistics read every fifth row of OMAR's data; nothing showed that returns and
-    data did not match.
-    """
+    """Returns and collision counts of the episode table are those of the arrays."""
     stored = subject.table.team_return
     found, scale = np.empty_like(stored), np.empty_like(stored)
     for episodes in subject.episode_groups():
@@ -149,11 +134,7 @@ def _collisions(subject: Subject) -> Remarks:
 
 
 def seeds(subject: Subject) -> Remarks:
-    """No reset seed occurs twice or is an evaluation seed; a recipe's are those it gives.
-
-    Minari drops the seeds when it combines datasets; those of D4RL and OG-MARL have none. So nobody
-    can tell whether test episodes were used for training.
-    """
+    """No reset seed occurs twice or is an evaluation seed; a recipe's are those it gives."""
     values, table = subject.table.seeds, subject.table
     reserved = np.flatnonzero(values >= EVALUATION_BASE)
     if len(reserved):
@@ -190,8 +171,7 @@ def repeated(subject: Subject, keys: np.ndarray, what: str) -> Remarks:
 def order(subject: Subject) -> Remarks:
     """Episodes of each policy are in the order of their stream, and those of a recipe are complete.
 
-    D4RL's hopper-medium-expert-v0 contained expert and replay data, with other numbers of rows than
-    documented (issue 19): the content of a mixture must be checkable.
+    So the content of a mixture can be checked, unlike that of D4RL's (issue 19).
     """
     table, recipe = subject.table, subject.origin.recipe
     for policy, source in enumerate(subject.origin.policies):
@@ -219,10 +199,7 @@ def order(subject: Subject) -> Remarks:
 
 
 def splits(subject: Subject) -> Remarks:
-    """Every episode is in the split that the rule assigns.
-
-    Minari draws splits on request and stores them nowhere; D4RL has none.
-    """
+    """Every episode is in the split that the rule assigns."""
     origin, table = subject.origin, subject.table
     if origin.split_rule is None:
         yield note("the episodes keep the splits of their source: there is no rule to compare with")
@@ -245,11 +222,7 @@ def splits(subject: Subject) -> Remarks:
 
 
 def statistics(subject: Subject) -> Remarks:
-    """The normalization statistics of the manifest are those of the train split.
-
-    Statistics of a whole dataset leak the test split into training; OG-MARL's cards have statistics
-    of rows that are not those used for training.
-    """
+    """The normalization statistics of the manifest are those of the train split alone."""
     entry = subject.manifest.statistics
     found = {name: _moments(subject, name) for name in ("observations", "rewards")}
     stored = {

@@ -3,29 +3,21 @@
 import json
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 Level = Literal["problem", "note"]
-
-
-class Remark(NamedTuple):
-    """One result of a check, still without the check's name."""
-
-    level: Level
-    message: str
+Remark = tuple[Level, str]  # one result of a check, still without the check's name
+Remarks = Iterator[Remark]
 
 
 def problem(message: str) -> Remark:
     """Something is wrong with the dataset."""
-    return Remark("problem", message)
+    return "problem", message
 
 
 def note(message: str) -> Remark:
     """Something worth knowing, such as why a check does not apply."""
-    return Remark("note", message)
-
-
-Remarks = Iterator[Remark]
+    return "note", message
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,11 +12,7 @@ from swarmdata.types import Bool, Int
 
 
 def integrity(subject: Subject) -> Remarks:
-    """Every byte is as it was written: SHA-256 of every file, and the logical digest.
-
-    Minari 0.5.4 has no checksum: a flipped byte silently gives wrong rewards. OG-MARL opens a
-    half-unzipped vault as a whole one.
-    """
+    """Every byte is as it was written: SHA-256 of every file, and the logical digest."""
     try:
         open_store(subject.path, "full")
     except DatasetError as error:
@@ -24,21 +20,14 @@ def integrity(subject: Subject) -> Remarks:
 
 
 def shapes(subject: Subject) -> Remarks:
-    """Every array has the sizes of the spec; dtypes and rows are checked on opening.
-
-    The readers of Minari and OG-MARL accept any shape: OG-MARL stores the state of one halfcheetah
-    as (T, N, S), those of the others as (T, S), and its cards call continuous actions "discrete".
-    """
+    """Every array has the sizes of the spec; dtypes and rows are checked on opening."""
     arrays = {name: array.shape for name, array in subject.arrays.items()}
     for each in shape_contradictions(subject.origin, arrays):
         yield problem(each)
 
 
 def finite(subject: Subject) -> Remarks:
-    """No array holds a NaN or an infinity.
-
-    OG-MARL pads OMAR's observations with -inf (og-marl issue 27), so that every mean is infinite.
-    """
+    """No array holds a NaN or an infinity, such as OG-MARL's padding with -inf (issue 27)."""
     for name, array in subject.arrays.items():
         if array.dtype.kind != "f" or not array.size:
             continue
@@ -53,10 +42,7 @@ def finite(subject: Subject) -> Remarks:
 
 
 def padding(subject: Subject) -> Remarks:
-    """Columns beyond an agent's own are zero, in observations and actions of mixed teams.
-
-    OG-MARL pads some datasets with zeros and others with -inf, and documents neither.
-    """
+    """Columns beyond an agent's own are zero, in observations and actions of mixed teams."""
     arrays, spec = subject.arrays, subject.spec
     spaces_of = {
         "observations": spec.observation_spaces(arrays["observations"].shape[2]),
@@ -91,8 +77,7 @@ def _acting(subject: Subject, first: int, n_steps: int) -> Bool:
 def action_bounds(subject: Subject) -> Remarks:
     """Actions lie in their space: in [-1, 1] for our tasks; whole numbers where they are choices.
 
-    Actions of OMIGA's datasets in OG-MARL exceed [-1, 1]. Its code clips them on reading ("clip for
-    omiga datasets"), so the data and the environment disagree.
+    Those of OMIGA's datasets in OG-MARL exceed [-1, 1], and are clipped on reading.
     """
     limits, actions = limits_of(subject.spec.action_spaces), subject.arrays["actions"]
     for first, block in blocks(actions):
@@ -109,11 +94,7 @@ def action_bounds(subject: Subject) -> Remarks:
 
 
 def action_masks(subject: Subject) -> Remarks:
-    """Choices are among the allowed ones, where masks were recorded.
-
-    OG-MARL's recorder keeps the legal actions of the first step throughout the episode
-    (`ExperienceRecorder`, a misspelt attribute), so that later choices look illegal.
-    """
+    """Choices are among the allowed ones, where masks were recorded."""
     if "action_masks" not in subject.arrays:
         return
     spaces = zip(subject.spec.agent_names, subject.spec.action_spaces, strict=True)

@@ -1,9 +1,4 @@
-"""Replays logged actions in the world, and compares the result with everything stored.
-
-An episode is a function of its seed and its actions, so a world of the same spec must give the same
-bits: states, observations, messages, rewards, events and flags. If a policy of the recipe can be
-built, it must choose the same actions and give them the same log-probabilities.
-"""
+"""Replays logged actions in the world, and compares the result with everything stored."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -32,8 +27,10 @@ STEP_ARRAYS = ("rewards", "reward_terms", "terminations", "truncations", "events
 STATE_ARRAYS = ("states", "observations", "sent", "delivered", "ages")
 """Arrays with a row per state."""
 
-MOST_DIFFERENCES_SHOWN = 3
-"""Differences that are described one by one."""
+WITHOUT_AGENTS = ("episodes/layouts", "states")
+"""Arrays without an axis of agents, among those that are compared before the first step."""
+
+MOST_DIFFERENCES_SHOWN = 3  # differences that are described one by one
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +56,9 @@ class Difference:
 def replay(subject: Subject) -> Remarks:
     """Replayed actions give the stored arrays bit for bit, on a sample of the episodes.
 
-    It would have found maze2d's rewards, off by one (D4RL issues 158 and 194), antmaze's other
-    reward convention (199), rows that were not copied (84, 100), the shift by one step in commit
-    507fd61, and swapped tiers (76), whose actions are not those of the named policies.
+    If a policy of the recipe can be built, it must choose the same actions, with the same
+    log-probabilities. Such a replay finds shifted rewards (D4RL issues 158, 194), other conventions
+    of rewards (199), rows that were not copied (84, 100) and swapped tiers (76).
     """
     task = subject.task
     if task is None:
@@ -167,10 +164,7 @@ class _Wave:
             self._compare(name, self.subject.state_starts[self.wave] + t, step, t)
 
     def _compare(self, name: str, rows: Int, values: Step | NDArray[Any], t: int) -> None:
-        """Records the first difference of each episode that has a row t, which is stored at `rows`.
-
-        The replayed rows are `values`, [E, ...], or in that step under the same name.
-        """
+        """Records first differences of `rows` from the values, [E, ...] or those of a step."""
         array = self.subject.arrays[name]
         if not array.size:
             return
@@ -188,7 +182,7 @@ class _Wave:
                 episode=int(self.wave[live[k]]),
                 step=t,
                 array=name,
-                agent=place[0] if place and name not in ("states", "episodes/layouts") else None,
+                agent=place[0] if place and name not in WITHOUT_AGENTS else None,
                 stored=f"{stored[k][place]!s}{_column(name, place)}",
                 replayed=str(got[k][place]),
             )
@@ -204,7 +198,7 @@ def _bits_differ(one: NDArray[Any], other: NDArray[Any]) -> Bool:
 
 def _column(name: str, place: tuple[int, ...]) -> str:
     """Which number of a row it is, in words."""
-    column = place if name in ("states", "episodes/layouts") else place[1:]
+    column = place if name in WITHOUT_AGENTS else place[1:]
     return f" (column {', '.join(map(str, column))})" if column else ""
 
 
@@ -212,7 +206,7 @@ def _report(subject: Subject, differences: list[Difference], n_replayed: int) ->
     if not differences:
         return
     foreign = {
-        each.episode for each in differences if each.step == 0 and each.array in INITIAL_ARRAYS
+        each.episode for each in differences if each.step == 0 and each.array in WITHOUT_AGENTS
     }
     if not subject.origin.has_world_seeds and len(foreign) == n_replayed:
         yield note(
@@ -227,15 +221,9 @@ def _report(subject: Subject, differences: list[Difference], n_replayed: int) ->
     changed = changed_versions(packages, here)
     versions = f" It was made with other versions: {', '.join(changed)}." if changed else ""
     shown = "; ".join(map(str, differences[:MOST_DIFFERENCES_SHOWN]))
-    more = (
-        f"; and {len(differences) - MOST_DIFFERENCES_SHOWN} more"
-        if len(differences) > MOST_DIFFERENCES_SHOWN
-        else ""
-    )
+    n_more = len(differences) - MOST_DIFFERENCES_SHOWN
+    more = f"; and {n_more} more" if n_more > 0 else ""
     yield problem(
         f"{len(differences)} of {n_replayed} replayed episodes differ from the stored ones: "
         f"{shown}{more}.{versions}"
     )
-
-
-INITIAL_ARRAYS = ("episodes/layouts", "states")

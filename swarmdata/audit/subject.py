@@ -16,8 +16,7 @@ from swarmdata.store import EpisodeTable, Manifest, StoredDataset
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Int
 
-BLOCK_ROWS = 10_000
-"""Rows that are checked together: memory stays bounded, and one call does much."""
+BLOCK_ROWS = 10_000  # rows that are checked together: memory stays bounded, and one call does much
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,19 +3,13 @@
 The log-probability of a robot's action is the sum over its components of
 
 - the log-density of the normal N(mean, noise^2), for a component strictly inside (-1, 1);
-- the log of the normal's mass beyond a bound, for a component at that bound: noisy actions are
-  clipped to [-1, 1], so their distribution has a density inside and a point mass at either bound;
-- for a component without noise, 0 if it is the one chosen (probability 1), else -infinity;
+- the log of the normal's mass beyond a bound, for a component at that bound, where noisy actions
+  are clipped;
+- for a component without noise, 0 if it is the one chosen, else -infinity;
 - -log 2 for a uniform draw from [-1, 1].
 
-So the exponential of the difference of two policies' values is an importance weight wherever both
-have a density or both have a mass. Everything, including whether a component is at a bound, is
-computed from the stored float32 action, so that anyone can compute it again from the dataset and
-the policy. The noise of `random.normal` takes 4,096 equally likely values; the density is that of
-the normal distribution that they approximate.
-
-All values are computed elementwise in float64 (`exact_math`) and rounded once to float32, so they
-have the same bits on every platform and in every batch.
+All of it is computed elementwise in float64 (`exact_math`) from the stored float32 action, and
+rounded once to float32, so that it has the same bits on every platform and in every batch.
 """
 
 from typing import Generic, TypeVar
@@ -98,8 +92,7 @@ M = TypeVar("M", bound=Float | Double)
 class LastMeans(Generic[M]):
     """A policy's noiseless actions on the step it acted on last, identified by the step object.
 
-    They save a second run of a network, and let a policy with memory, which cannot act on a step
-    twice, compute the log-probability of its action.
+    A policy with memory cannot act on a step twice to compute the log-probability of its action.
     """
 
     def __init__(self) -> None:
@@ -107,7 +100,7 @@ class LastMeans(Generic[M]):
         self._means: M | None = None
 
     def keep(self, step: Step, means: M) -> M:
-        """Stores the means of a step, [E, N, C], and returns them."""
+        """Stores and returns the means of a step, [E, N, C]."""
         self._step, self._means = step, means
         return means
 

@@ -24,8 +24,7 @@ class FunctionPolicy:
         policy = FunctionPolicy(lambda observations: network(torch.from_numpy(observations)))
 
     Episodes do not depend on the batch only if the function returns the same actions for a copy in
-    any batch. Matrix products in float32 differ in the last bits; with float64 products, that
-    difference vanishes when actions are rounded to float32.
+    any batch, as products in float64 do, but not in float32, whose last bits differ.
 
     Args:
         function: maps observations to actions.

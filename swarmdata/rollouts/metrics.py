@@ -1,6 +1,6 @@
 """The metrics of an episode, and its score relative to the references of a task."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
 
@@ -55,18 +55,13 @@ def metrics_of(task: str) -> Mapping[str, Metric]:
         UnknownNameError: no task has this name.
     """
     own = resolve("task", TASKS, task).metrics
-    names = rules_model(task).side_names
-    return {**EPISODE_METRICS, **(_metrics_of_sides(names) if len(names) > 1 else {}), **own}
-
-
-def _metrics_of_sides(names: Sequence[str]) -> dict[str, Metric]:
-    found = {}
-    for name in names:
+    found, names = dict(EPISODE_METRICS), rules_model(task).side_names
+    for name in names if len(names) > 1 else ():
         meaning = "sum over time of the mean reward over the robots of this side"
         found[f"{name}_return"] = Metric(f"return of {name}", "", "higher", meaning)
         meaning = "1 if this side succeeded, else 0"
         found[f"{name}_success"] = Metric(f"success of {name}", "", "higher", meaning)
-    return found
+    return {**found, **own}
 
 
 def _of_sides(episode: Episode, spec: TaskSpec) -> dict[str, float]:
@@ -140,20 +135,14 @@ def _pairs(n_agents: int) -> tuple[Int, Int]:
 
 
 SOLVED_TIME = "time when solved"
-"""What means of `time_to_goal` over solved episodes alone are called, as in measured references.
-
-"Time to goal" is one thing wherever a mean has this name: an unsolved episode counts as the horizon
-(`censored_times`).
-"""
+"""What means of `time_to_goal` over solved episodes alone are called, as in measured references."""
 
 
 def censored_times(times: Double, limit: float) -> Double:
     """Returns min(time, limit), where a NaN (the goal was never reached) counts as `limit`.
 
     Their mean is the restricted mean survival time, the area under the Kaplan-Meier curve up to
-    `limit` (Royston and Parmar, BMC Medical Research Methodology 13:152, 2013): nothing is censored
-    before the limit, so the curve is the empirical one. The mean over successes alone would reward
-    a policy for failing on the long episodes.
+    `limit` (Royston and Parmar, BMC Medical Research Methodology 13:152, 2013).
 
     Args:
         times: time to goal of each episode, s, [n_episodes].

@@ -44,10 +44,8 @@ def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None
         "checkpoint": source.checkpoint,
         "sha256": source.sha256,
         "convention": source.convention,
+        "folder": None if source.checkpoint is None else folder,
+        "noise": source.noise or None,
     }
-    if source.checkpoint is not None:
-        options["folder"] = folder
-    options = {name: value for name, value in options.items() if value is not None}
-    if source.noise:
-        options["noise"] = source.noise
-    return make_policy(source.name, spec, **options)
+    given = {name: value for name, value in options.items() if value is not None}
+    return make_policy(source.name, spec, **given)

@@ -1,24 +1,7 @@
-"""Intervals of mean scores over training seeds and episodes, and of differences of such means.
+"""Intervals of means over training seeds and episodes, and of differences of such means.
 
 Tables are [K seeds, E episodes] in any unit, which the intervals share: every training seed plays
-the same E episodes. With several seeds, an interval is for new training seeds and new episodes of
-the same distribution; with one, for the measured policy on new episodes (`TARGETS`).
-
-The point estimate is the mean, not the interquartile mean of Agarwal et al. 2021. The expected
-score is what an interval can be about; a seed that fails is a finding, which trimming hides; at 3
-seeds nothing is trimmed, so that tables with 3 and 5 seeds would show two quantities; and of
-normal seeds the mean varies less (by a factor of 1.13 in variance at 5 and 10 seeds).
-
-The episodes are common to all seeds, so the mean varies with the seeds, s^2 / K, and with what
-all seeds have in common on an episode, c / E. Both variances are estimated. Their sum gets the
-quantile of Student's t at the degrees of freedom of Satterthwaite ("An Approximate Distribution of
-Estimates of Variance Components", Biometrics Bulletin 2:110, 1946). The decomposition is that of
-the two-way random-effects model, seeds by episodes (Searle, Casella and McCulloch, "Variance
-Components", 1992, section 4.3). docs/measurements.md has the coverage.
-
-Intervals of a quantity that cannot be below or above some value, such as a count or a share, end
-there (`Bounds`). The true mean lies within the bounds, so an interval that contains it still does
-after it is cut: the coverage is the same.
+the same E episodes. docs/evaluation.md says what the intervals are for, and their coverage.
 """
 
 import math
@@ -36,8 +19,7 @@ Bounds = tuple[float, float]
 """The smallest and the largest value that a quantity can have, in the unit of its table."""
 
 UNBOUNDED: Bounds = (-math.inf, math.inf)
-AT_LEAST_ZERO: Bounds = (0.0, math.inf)
-"""Of counts and durations."""
+AT_LEAST_ZERO: Bounds = (0.0, math.inf)  # of counts and durations
 
 SHARE: Bounds = (0.0, 1.0)
 
@@ -52,9 +34,8 @@ def mean_interval(values: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds and episodes with its interval.
 
     Args:
-        values: finite, [K, E]. A difference of the same policies on the same episodes is such a
-            table too.
-        bounds: of the values; the interval ends there.
+        values: finite, [K, E]; differences of the same policies on the same episodes too.
+        bounds: of the values; the interval ends there, which leaves its coverage as it is.
 
     Raises:
         SchemaError: the table is not finite, or not [seeds, episodes].
@@ -81,8 +62,11 @@ def difference_interval(x: Double, y: Double) -> Estimate:
 def combination_interval(tables: Sequence[Double], weights: Sequence[float]) -> Estimate:
     """Returns a weighted sum of means with its interval: of a difference, or an average.
 
-    The half-width is t_nu sqrt(V). With weights w, seed means of variance s^2, and Z the sum of
-    the tables' means over seeds, weighted by w, on each episode,
+    The variances are those of the two-way random-effects model, seeds by episodes (Searle, Casella
+    and McCulloch, "Variance Components", 1992, section 4.3), the degrees of freedom Satterthwaite's
+    ("An Approximate Distribution of Estimates of Variance Components", Biometrics Bulletin 2:110,
+    1946). The half-width is t_nu sqrt(V). With weights w, seed means of variance s^2, and Z the sum
+    of the tables' means over seeds, weighted by w, on each episode,
 
         V = sum_g w_g^2 s_g^2 / K_g + max(c, 0) / E
         c = var(Z) - sum_g w_g^2 (var(mean_g) - c_g)
@@ -162,8 +146,7 @@ def rate_interval(outcomes: Double) -> Estimate:
 def seed_interval(means: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds with Student's t interval, for new seeds on the same episodes.
 
-    For curves, of which only means over episodes are kept, [K]: new episodes move all seeds
-    together, which this interval does not cover. One seed has none (NaN).
+    For curves, of which only means over episodes are kept, [K]. One seed has none (NaN).
     """
     k, value = len(means), float(means.mean())
     if k == 1:
@@ -187,8 +170,7 @@ freedom, and to 10 from there on."""
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(N_NODES)
 
-MAX_STEPS = 50
-"""Of Newton's method, which converges in fewer than 10."""
+MAX_STEPS = 50  # of Newton's method, which converges in fewer than 10
 
 
 @lru_cache(maxsize=4096)

@@ -1,8 +1,4 @@
-"""An estimate with its interval, the bootstrap over rows, and Wilson's interval of a rate.
-
-Scores of training seeds and episodes have `score_intervals`; the bootstrap here is for statistics
-without such a model, and for the published references.
-"""
+"""An estimate with its interval, the bootstrap over rows, and Wilson's interval of a rate."""
 
 from collections.abc import Callable
 from statistics import NormalDist
@@ -13,11 +9,8 @@ import numpy as np
 from swarmdata.errors import SchemaError
 from swarmdata.types import Double
 
-LEVEL = 0.95
-"""Confidence level of all intervals."""
-
-MAX_RESAMPLED_SCORES = 1 << 22
-"""Most resampled scores that are in memory at once."""
+LEVEL = 0.95  # confidence level of all intervals
+MAX_RESAMPLED_SCORES = 1 << 22  # most resampled scores that are in memory at once
 
 
 def mean(scores: Double) -> Double:
@@ -40,7 +33,7 @@ def bootstrap(
     generator: np.random.Generator,
     n_resamples: int = 2000,
 ) -> Estimate:
-    """Stratified percentile bootstrap of a statistic of a score table.
+    """Stratified percentile bootstrap, for statistics that `score_intervals` has no model of.
 
     A resample draws, independently for every task, as many runs as there are, with replacement;
     tasks are not resampled (Agarwal et al., "Deep Reinforcement Learning at the Edge of the

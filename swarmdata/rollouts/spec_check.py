@@ -10,11 +10,8 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 
-N_LAYOUTS = 8
-"""Evaluation episodes that are begun."""
-
-N_STEPS = 20
-"""Control steps with random actions in the last of these episodes."""
+N_LAYOUTS = 8  # evaluation episodes that are begun
+N_STEPS = 20  # control steps with random actions in the last of these episodes
 
 
 def probe(spec: TaskSpec) -> VecEnv:

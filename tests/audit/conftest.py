@@ -31,6 +31,47 @@ Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
 Forge = Callable[..., Path]
 
 
+def put(name: str, episode: int, step: int, place: tuple[int, ...], value: object) -> Flaw:
+    """A value in the row of a step, or of the state before it."""
+
+    def flaw(arrays: Arrays, table: EpisodeTable) -> None:
+        extra = episode * (ALL_FIELDS[name].rows == "states")
+        arrays[name][(table.starts[episode] + extra + step, *place)] = value
+
+    return flaw
+
+
+def timeouts_as(reason: str) -> Flaw:
+    """Truncations become terminations, for this reason."""
+
+    def flaw(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
+        arrays["terminations"] |= arrays["truncations"]
+        arrays["truncations"][:] = False
+        return {"end_reason": np.full(len(table), END_REASONS.index(reason), np.uint8)}
+
+    return flaw
+
+
+def frozen(name: str) -> Flaw:
+    """Every row of an episode is its first."""
+
+    def flaw(arrays: Arrays, table: EpisodeTable) -> None:
+        first = np.repeat(table.starts + np.arange(len(table)), table.lengths + 1)
+        arrays[name][:] = arrays[name][first]
+
+    return flaw
+
+
+def final_rows(table: EpisodeTable) -> Any:
+    return table.starts + np.arange(len(table)) + table.lengths
+
+
+def crossing_windows(arrays: Arrays, table: EpisodeTable) -> None:
+    """The last row of each episode is the first of the next, as after a reset by itself."""
+    for name in ("observations", "states"):
+        arrays[name][final_rows(table)[:-1]] = arrays[name][final_rows(table)[:-1] + 1]
+
+
 def look(path: Path, sample: int = 4) -> Audit:
     return audit(path, sample=sample, progress=False)
 

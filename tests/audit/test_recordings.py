@@ -8,13 +8,17 @@ import pytest
 
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.store import EpisodeTable, open_store
-from swarmdata.types import END_REASONS
-from tests.audit.conftest import Arrays, Flaw, Forge, look, messages
-
-
-def gone_row(table: EpisodeTable, after: int) -> int:
-    """A row of steps of episode 0, so long after its first agent has left."""
-    return int(table.lengths[0]) // 2 + after
+from tests.audit.conftest import (
+    Arrays,
+    Flaw,
+    Forge,
+    crossing_windows,
+    frozen,
+    look,
+    messages,
+    put,
+    timeouts_as,
+)
 
 
 def minus_infinity(arrays: Arrays, _: EpisodeTable) -> None:
@@ -25,75 +29,40 @@ def padded_with_ones(arrays: Arrays, _: EpisodeTable) -> None:
     arrays["observations"][:, 1, 3:] = 1.0
 
 
-def half_a_choice(arrays: Arrays, _: EpisodeTable) -> None:
-    arrays["actions"][7, 0, 0] = 2.5
-
-
-def clipped_elsewhere(arrays: Arrays, _: EpisodeTable) -> None:
-    arrays["actions"][7, 1, 1] = 0.75
-
-
 def forbidden_choice(arrays: Arrays, table: EpisodeTable) -> None:
     chosen = int(arrays["actions"][table.starts[1] + 2, 0, 0])
     arrays["action_masks"][table.starts[1] + 1 + 2, 0, chosen] = False
 
 
-def acts_when_gone(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["actions"][gone_row(table, 1), 0, 0] = 1.0
+def gone(name: str, after: int, value: object = 1.0) -> Flaw:
+    """A value of the first agent of episode 0, so long after it has left."""
 
+    def flaw(arrays: Arrays, table: EpisodeTable) -> None:
+        arrays[name][int(table.lengths[0]) // 2 + after, 0] = value
 
-def paid_when_gone(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["rewards"][gone_row(table, 1), 0] = 1.0
-
-
-def seen_when_gone(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["observations"][gone_row(table, 2), 0] = 1.0
-
-
-def ends_again(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["agent_terminations"][gone_row(table, 1), 0] = True
-
-
-def ends_in_two_ways(arrays: Arrays, table: EpisodeTable) -> None:
-    arrays["agent_truncations"][gone_row(table, 0), 0] = True
-
-
-def goes_on(arrays: Arrays, _: EpisodeTable) -> None:
-    arrays["agent_terminations"][1, 1] = True
-
-
-def timeouts_as_ends(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
-    arrays["terminations"] |= arrays["truncations"]
-    arrays["truncations"][:] = False
-    return {"end_reason": np.full(len(table), END_REASONS.index("ended"), np.uint8)}
-
-
-def frozen_state(arrays: Arrays, table: EpisodeTable) -> None:
-    first = np.repeat(table.starts + np.arange(len(table)), table.lengths + 1)
-    arrays["states"][:] = arrays["states"][first]
-
-
-def reset_by_itself(arrays: Arrays, table: EpisodeTable) -> None:
-    final = (table.starts + np.arange(len(table)) + table.lengths)[:-1]
-    for name in ("observations", "states"):
-        arrays[name][final] = arrays[name][final + 1]
+    return flaw
 
 
 FLAWS: dict[str, tuple[Flaw, str, str]] = {
     "minus infinity": (minus_infinity, "finite", "of states hold NaN or infinities"),
     "padding": (padded_with_ones, "padding", "observations of agent_0 have values in the padding"),
-    "half a choice": (half_a_choice, "bounds", "action 2.5 of agent 0"),
-    "other bounds": (clipped_elsewhere, "bounds", "a value from -2 to 0.5"),
+    "half a choice": (put("actions", 0, 7, (0, 0), 2.5), "bounds", "action 2.5 of agent 0"),
+    "other bounds": (put("actions", 0, 7, (1, 1), 0.75), "bounds", "a value from -2 to 0.5"),
     "forbidden": (forbidden_choice, "masks", "adversary_0 chose what its mask forbids in 1 steps"),
-    "acts": (acts_when_gone, "leaving", "actions of agents that are gone"),
-    "paid": (paid_when_gone, "leaving", "rewards of agents that are gone"),
-    "seen": (seen_when_gone, "leaving", "observations of agents that are gone"),
-    "ends again": (ends_again, "leaving", "ends of agents that are gone"),
-    "two ways": (ends_in_two_ways, "leaving", "terminated and truncated, first agent 0"),
-    "goes on": (goes_on, "leaving", "agents that go on after their end, first agent 1"),
-    "frozen state": (frozen_state, "rows", "states do not change"),
-    "reset by itself": (reset_by_itself, "boundaries", "transitions cross episodes"),
-}
+    "acts": (gone("actions", 1), "leaving", "actions of agents that are gone"),
+    "paid": (gone("rewards", 1), "leaving", "rewards of agents that are gone"),
+    "seen": (gone("observations", 2), "leaving", "observations of agents that are gone"),
+    "ends again": (gone("agent_terminations", 1, True), "leaving", "ends of agents that are gone"),
+    "two ways": (
+        gone("agent_truncations", 0, True), "leaving", "terminated and truncated, first agent 0"
+    ),
+    "goes on": (
+        put("agent_terminations", 0, 1, (1,), True), "leaving",
+        "agents that go on after their end, first agent 1",
+    ),
+    "frozen state": (frozen("states"), "rows", "states do not change"),
+    "reset by itself": (crossing_windows, "boundaries", "transitions cross episodes"),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FLAWS)
@@ -111,15 +80,15 @@ def test_a_clean_recording_has_notes_only(recording: Path) -> None:
 
 def test_timeouts_as_terminals(recording: Path, long_recording: Path, forge: Forge) -> None:
     """As in OMAR's data: every episode is as long as the horizon, and terminated there."""
-    said = messages(look(forge(long_recording, timeouts_as_ends)), "horizon")
+    said = messages(look(forge(long_recording, timeouts_as("ended"))), "horizon")
     assert "100% of the 40 terminations come after exactly 12 steps" in said
     origin = open_store(recording).recipe
     assert isinstance(origin.spec, RecordedSpec)
     unknown = origin.model_copy(update={"spec": origin.spec.model_copy(update={"horizon": None})})
-    found = look(forge(long_recording, timeouts_as_ends, unknown))
+    found = look(forge(long_recording, timeouts_as("ended"), unknown))
     assert not messages(found, "horizon")
     assert "look like timeouts" in messages(found, "horizon", "note")
-    assert not messages(look(forge(recording, timeouts_as_ends)), "horizon")  # half end before
+    assert not messages(look(forge(recording, timeouts_as("ended"))), "horizon")  # half end before
 
 
 def test_longer_than_the_horizon(recording: Path, forge: Forge) -> None:

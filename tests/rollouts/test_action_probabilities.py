@@ -11,7 +11,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.registry.recipes import checkpoints
-from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs, uniform_log_probs
+from swarmdata.rollouts.action_probabilities import noisy_log_probs, uniform_log_probs
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.comparing import act_on
@@ -158,12 +158,3 @@ def test_the_network_runs_once_for_act_and_log_probs(monkeypatch: pytest.MonkeyP
     other = step._replace(times=step.times + 1)
     policy.act(other)
     assert policy.log_probs(step, policy.act(step)).tobytes() == first.tobytes()
-
-
-def test_means_are_known_by_the_steps_identity() -> None:
-    step = make_env(SPEC, 1).reset(np.array([3], np.uint64))
-    memory, means = LastMeans[Double](), np.ones((1, 4, 2))
-    assert memory.recall(step) is None
-    assert memory.keep(step, means) is means
-    assert memory.recall(step) is means
-    assert memory.recall(step._replace()) is None

@@ -1,10 +1,4 @@
-"""Verifies an entry: its policies act again, in a process of bounded memory and time.
-
-They act on the reserved episodes, which must end as the entry says, and on as many fresh ones,
-whose seeds follow from the policies' hashes, so that nobody can choose policies on them. A return
-on the reserved episodes that is far above that on the fresh ones was chosen on the former. Some
-reserved episodes are repeated, and must end as before.
-"""
+"""Verifies an entry: its policies act again, in a process of bounded memory and time."""
 
 import hashlib
 import json
@@ -37,18 +31,10 @@ from swarmdata.types import Double, Seeds
 
 SECONDS = 600  # most time of a verification
 GIGABYTES = 16  # most memory, addresses that are not used included
-
-LEAST_EQUAL = 0.95
-"""Of the episodes: rounding differs between processors, and contacts amplify it."""
-
-N_REPEATED = 64
-"""Reserved episodes that are repeated, as many as run at the same time."""
-
-FARTHEST = 4.0
-"""Standard errors by which the return may be higher on the reserved episodes."""
-
-ONNX_MARGIN = 2.0
-"""Standard errors within which the return of files of ONNX is what their entry says."""
+LEAST_EQUAL = 0.95  # of the episodes: rounding differs between processors, and contacts amplify it
+N_REPEATED = 64  # reserved episodes that are repeated, as many as run at the same time
+FARTHEST = 4.0  # standard errors by which the return may be higher on the reserved episodes
+ONNX_MARGIN = 2.0  # standard errors allowed for files of ONNX, whose runtimes round differently
 
 
 class Verdict(NamedTuple):
@@ -69,6 +55,11 @@ def verify(
     entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECONDS, n_threads: int = 1
 ) -> Verdict:
     """Verifies an entry.
+
+    Its policies act on the reserved episodes, which must end as the entry says, and on as many
+    fresh ones, whose seeds follow from the policies' hashes: a return on the reserved episodes that
+    is far above that on the fresh ones was chosen on the former. Some reserved episodes are
+    repeated, and must end as before.
 
     Args:
         entry: its folder.
@@ -167,11 +158,7 @@ def _differing(reserved: Double, repeated: Double) -> Iterator[str]:
 def _compared(
     claimed: list[Result], reserved: Double, fresh: Double, *, is_onnx: bool = False
 ) -> Verdict:
-    """Compares claimed returns with those on reserved and on fresh episodes, both [K, E].
-
-    Runtimes of ONNX round differently, so many episodes may end differently; then the mean must be
-    within `ONNX_MARGIN` standard errors of two evaluations.
-    """
+    """Compares claimed returns with those on reserved and on fresh episodes, both [K, E]."""
     said = np.stack([each.evaluation.metrics["return"] for each in claimed])
     equal = float(np.isclose(said, reserved, rtol=0, atol=1e-6).mean())
     reasons = []

@@ -1,17 +1,12 @@
 """Ranks the policies of offline runs on the validation split of their dataset, without a simulator.
 
-The literature on these criteria: fitted Q evaluation ranks policies best among those that need no
-simulator (Paine et al. 2020, "Hyperparameter Selection for Offline Reinforcement Learning";
-Fu et al. 2021, "Benchmarks for Deep Off-Policy Evaluation"); a TD error says little about a
-policy (Fujimoto et al. 2022, "Why Should I Trust You, Bellman?"), and an imitation error says how
-close a policy is to the data, not how good it is. If scores are available, the ranking also reports
-how well each criterion agrees with them.
+After Paine et al., "Hyperparameter Selection for Offline Reinforcement Learning", 2020.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -32,7 +27,6 @@ from swarmdata.evaluation.policy_selection.ranking_record import (
 )
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.hub.catalog.catalog import load
-from swarmdata.interfaces import Policy
 from swarmdata.learn.evaluation.fqe import (
     Answered,
     FQEConfig,
@@ -65,15 +59,6 @@ RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Settings of the fitted Q evaluation that the record has."""
 
 
-@dataclass(frozen=True, slots=True)
-class Scores:
-    """Means over the same episodes."""
-
-    values: Sequence[float | None]  # one per policy; None: not measured
-    n_episodes: int
-    unit: Literal["score", "return"]  # the return where the task has no references
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
     """The policies of one checkpoint of a run, one per seed, in the order of the run's seeds."""
@@ -82,11 +67,6 @@ class Candidates:
     content: str | None  # SHA-256 of the run's files; None for an earlier checkpoint
     loaded: Loaded
     td_error: Double | None  # [K] on the validation split, if there are critics
-
-    @property
-    def policies(self) -> list[Policy]:
-        """One per seed."""
-        return self.loaded.policies
 
 
 def rank(
@@ -133,8 +113,9 @@ def rank(
     with ThreadLimit():
         found = _candidates(folders, parts[1], checkpoints=checkpoints, device=device)
         values, held_out = _values(found, parts, config, device, progress=progress)
-    scores = _scores(found, dataset, n_episodes, results, progress=progress)
-    rows = _rows(found, values, held_out, None if scores is None else scores.values)
+    measured = _measure(found, dataset, n_episodes, results, progress=progress)
+    rows = _rows(found, values, held_out, _scores(dataset, measured))
+    one = next((each for each in measured if each is not None), None)
     return Ranking(
         code_version=__version__,
         dataset=dataset.id,
@@ -145,10 +126,10 @@ def rank(
         **{name: getattr(config, name) for name in RECORDED_SETTINGS},
         bound=values.bound,
         data_value=float(held_out.data.initial_returns.mean()),
-        score_unit=None if scores is None else scores.unit,
-        n_score_episodes=None if scores is None else scores.n_episodes,
+        score_unit=None if one is None else "return" if dataset.references is None else "score",
+        n_score_episodes=None if one is None else len(one.seeds),
         policies=_sorted(rows, by),
-        quality={} if scores is None else _qualities(rows),
+        quality=_qualities(rows),
     )
 
 
@@ -212,7 +193,7 @@ def _values(
     progress: bool,
 ) -> tuple[Values, Answered]:
     """What the policies are worth, fitted on the first part, and their answers on the second."""
-    policies = [policy for each in found for policy in each.policies]
+    policies = [policy for each in found for policy in each.loaded.policies]
     statistics = Statistics.measure(parts[0], config.discount)
     train, held_out = (
         Answered.by(policies, part, Transitions.read(part, statistics, config.discount, device))
@@ -226,7 +207,7 @@ def _rows(
     found: Sequence[Candidates],
     values: Values,
     held_out: Answered,
-    scores: Sequence[float | None] | None,
+    scores: Sequence[float | None],
 ) -> list[RankedPolicy]:
     """One row per policy, in the order of the candidates."""
     imitation, weighted = imitation_error(held_out), weighted_imitation_error(held_out)
@@ -250,19 +231,18 @@ def _rows(
                     imitation_error=float(imitation[k]),
                     weighted_imitation_error=float(weighted[k]),
                     td_error=None if each.td_error is None else float(each.td_error[index]),
-                    score=None if scores is None else scores[k],
+                    score=scores[k],
                 )
             )
     return rows
 
 
 def _over_states(values: Double) -> Interval:
-    """The mean over fits [M] and initial states [E], with its interval for new initial states.
-
-    A record has numbers only, so of a single state, which has no interval, both ends are the mean.
-    """
+    """The mean over fits [M] and initial states [E], with its interval for new initial states."""
     value, low, high = mean_interval(values.mean(axis=0)[None])
-    return (value, value, value) if values.shape[1] == 1 else (value, low, high)
+    if values.shape[1] == 1:  # no interval, but a record has numbers only
+        return value, value, value
+    return value, low, high
 
 
 def _oriented(row: RankedPolicy, criterion: Criterion) -> float | None:
@@ -296,18 +276,18 @@ def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality
     return qualities
 
 
-def _scores(
+def _measure(
     found: Sequence[Candidates],
     dataset: Dataset,
     n_episodes: int | None,
     folder: Path | None,
     *,
     progress: bool,
-) -> Scores | None:
-    """Scores from the simulator on the first reserved seeds, or from files, if asked for."""
-    results: Sequence[EvalResult | None]
+) -> Sequence[EvalResult | None]:
+    """Results of the policies in the simulator or from files, if asked for; else of none."""
+    policies = [policy for each in found for policy in each.loaded.policies]
+    results: Sequence[EvalResult | None] = [None] * len(policies)
     if n_episodes is not None:
-        policies = [policy for each in found for policy in each.policies]
         options: dict[str, Any] = {"n_episodes": n_episodes, "progress": progress}
         results = [
             evaluate(policy, dataset.task, name=f"policy {k} of {len(policies)}", **options)
@@ -315,15 +295,17 @@ def _scores(
         ]
     elif folder is not None:
         results = _read_results(found, dataset, folder)
-    else:
-        return None
-    measured = [result for result in results if result is not None]
-    check_comparable(measured)
-    values = [None if each is None else float(each.metrics["return"].mean()) for each in results]
+    if measured := [result for result in results if result is not None]:
+        check_comparable(measured)
+    return results
+
+
+def _scores(dataset: Dataset, results: Sequence[EvalResult | None]) -> list[float | None]:
+    """The mean score of each result, or its mean return where the task has no references."""
+    means = [None if each is None else float(each.metrics["return"].mean()) for each in results]
     if dataset.references is None:
-        return Scores(values, len(measured[0].seeds), "return")
-    scores = [None if mean is None else float(dataset.normalized_score(mean)) for mean in values]
-    return Scores(scores, len(measured[0].seeds), "score")
+        return means
+    return [None if mean is None else float(dataset.normalized_score(mean)) for mean in means]
 
 
 def _read_results(

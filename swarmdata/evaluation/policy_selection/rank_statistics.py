@@ -1,7 +1,6 @@
 """How well a criterion that needs no simulator ranks policies: rank correlation and regret.
 
-The measures are those of Fu et al., "Benchmarks for Deep Off-Policy Evaluation", ICLR 2021, section
-4 (also of Paine et al., "Hyperparameter Selection for Offline Reinforcement Learning", 2020).
+After Fu et al., "Benchmarks for Deep Off-Policy Evaluation", ICLR 2021, section 4.
 """
 
 from typing import NamedTuple
@@ -58,8 +57,7 @@ def regret(estimates: Double, scores: Double, k: int = 1) -> float:
     return float(scores.max() - scores[chosen].max())
 
 
-TOP = (1, 3)
-"""Values of k for regret@k; those above n - 1 leave no choice and are left out."""
+TOP = (1, 3)  # values of k for regret@k; those above n - 1 leave no choice and are left out
 
 
 def ranking_quality(estimates: Double, scores: Double) -> Quality:

@@ -1,15 +1,12 @@
-"""Aggregates over runs and datasets with intervals, as pure functions of a result set.
+"""Aggregates of scores over runs and datasets.
 
-Tables are [runs, datasets, episodes]; intervals are those of `rollouts.score_intervals`. The
-optimality gap and the performance profile describe the measured runs, after Agarwal et al., "Deep
-Reinforcement Learning at the Edge of the Statistical Precipice", NeurIPS 2021, and Gorsane et al.,
-"Towards a Standardised Performance Evaluation Protocol for Cooperative MARL", NeurIPS 2022. Their
-interquartile mean and their bootstrap of runs are not used; `rollouts.score_intervals` says why.
+After Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice",
+NeurIPS 2021, and Gorsane et al., "Towards a Standardised Performance Evaluation Protocol for
+Cooperative MARL", NeurIPS 2022.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -51,26 +48,8 @@ def comparable_scores(results: ResultSet) -> ComparableScores:
     return ComparableScores(names, tables, left_out)
 
 
-class Aggregate(NamedTuple):
-    """One label over all datasets."""
-
-    n_runs: int
-    mean: Estimate
-    optimality_gap: float  # how far the measured runs stay below 100, on average
-
-
-def aggregates(tables: Mapping[str, Double]) -> dict[str, Aggregate]:
-    """The aggregates of each label, of scores [runs, datasets, episodes]."""
-    return {
-        label: Aggregate(
-            len(table), _mean_over_datasets(table), optimality_gap(table.mean(axis=-1))
-        )
-        for label, table in tables.items()
-    }
-
-
-def _mean_over_datasets(table: Double, other: Double | None = None) -> Estimate:
-    """The mean over datasets with its interval, or the difference of two such means.
+def mean_over_datasets(table: Double, other: Double | None = None) -> Estimate:
+    """The mean of scores [runs, datasets, episodes] over datasets, or a difference of two of them.
 
     The datasets are fixed: the interval is for new training seeds and episodes on these datasets.
     """
@@ -117,7 +96,7 @@ def differences(tables: Mapping[str, Double]) -> dict[tuple[str, str], Estimate]
     Scores are [runs, datasets, episodes]. The keys are all pairs (label, other) of different ones.
     """
     return {
-        (one, other): _mean_over_datasets(tables[one], tables[other])
+        (one, other): mean_over_datasets(tables[one], tables[other])
         for one in tables
         for other in tables
         if one != other
@@ -132,23 +111,19 @@ def pareto_front(values: Sequence[float], costs: Sequence[float]) -> Bool:
     return np.asarray(~(as_good & better).any(axis=1))
 
 
-class Point(NamedTuple):
-    """Return and collisions of a label on a dataset."""
-
-    label: str
-    team_return: Estimate
-    collisions: Estimate  # new contacts with robots and obstacles, per episode
-
-
-def returns_and_collisions(case: Case) -> tuple[Point, ...]:
-    """The return and the collisions of every label of a case, in its order.
+def collisions_and_returns(case: Case) -> dict[str, tuple[Estimate, Estimate]]:
+    """Label -> collisions and return per episode, in the order of a case.
 
     Raises:
         UnknownNameError: the environment counts no collisions.
     """
-    returns = [mean_interval(case.metric(label, "return")) for label in case.runs]
-    costs = [mean_interval(collisions(case, label), bounds=AT_LEAST_ZERO) for label in case.runs]
-    return tuple(map(Point, case.runs, returns, costs))
+    return {
+        label: (
+            mean_interval(collisions(case, label), bounds=AT_LEAST_ZERO),
+            mean_interval(case.metric(label, "return")),
+        )
+        for label in case.runs
+    }
 
 
 def collisions(case: Case, label: str) -> Double:

@@ -1,10 +1,5 @@
-"""Clips: one episode as GIF, MP4 or PNG, with what the robots sense and send.
+"""Clips: one episode as GIF, MP4 or PNG, with what the robots sense and send."""
 
-A dataset does not record which messages were lost. They are found by observing the episode again
-over a channel without losses: messages that arrive only there were lost.
-"""
-
-from functools import partial
 from pathlib import Path
 
 from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
@@ -24,16 +19,11 @@ from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import END_REASONS, Episode
 
-CLIP_SUFFIXES = (*VIDEO_SUFFIXES, ".png")
-"""Of the files that can be written."""
+CLIP_SUFFIXES = (*VIDEO_SUFFIXES, ".png")  # of the files that can be written
 
 
 def check_clip(out: Path) -> None:
-    """Refuses a file that `write_clip` cannot write, before an episode is simulated.
-
-    Raises:
-        SchemaError: the suffix is unknown.
-    """
+    """Refuses a file that `write_clip` cannot write, before an episode is simulated."""
     if out.suffix.lower() not in CLIP_SUFFIXES:
         raise SchemaError(
             f"cannot draw to {str(out)!r}, expected a file that ends in {CLIP_SUFFIXES}."
@@ -65,9 +55,10 @@ def write_clip(
     scans = scan_of(features_of(make_task(spec)), episode.observations)
     attempted = attempted_links(episode, spec)
     if out.suffix.lower() != ".png":
-        play = partial(animate, episode, spec, scans=scans, attempted=attempted)
         with staged(out) as target:
-            play(target, size=size, stride=stride)
+            animate(
+                episode, spec, target, scans=scans, attempted=attempted, size=size, stride=stride
+            )
         return
     last = len(episode)
     image = draw(
@@ -101,29 +92,29 @@ def draw_target(
 
     Args:
         name: id or folder of a dataset, or a policy as `find_target` takes it.
-        out: a `.gif`, `.mp4` or `.png` file.
+        out: a file, as `write_clip` takes it.
         index: of the recorded episode, or of the reserved evaluation seed.
         task: of policies, tiers and runs, as `find_target` takes it.
         observation: observation model; a recorded episode is re-observed with it.
         communication: communication model, likewise.
-        backend: simulator of policies, tiers and runs, as `find_target` takes it.
-        size: pixels of the arena's longer side.
-        stride: control steps per animation frame.
+        backend: simulator of policies, tiers and runs.
+        size: as `write_clip` takes it.
+        stride: likewise.
 
     Raises:
         SchemaError: the suffix is unknown, or there is no such episode.
         SpecError: a task or a simulator is given with a dataset.
     """
     check_clip(out)
-    own = None if is_dataset(name) else own_dataset(name)
-    if is_dataset(name) or own is not None:
+    data = name if is_dataset(name) else own_dataset(name)
+    if data is not None:
         check_no_task(name, task)
         if backend is not None:
             raise SpecError(
                 f"{name} is a dataset, whose episodes are drawn as recorded, not simulated in "
                 f"{backend}; leave the simulator (--backend) out, or name a policy"
             )
-        dataset = load(name if own is None else own)
+        dataset = load(data)
         if index >= len(dataset):
             raise SchemaError(f"{dataset.id} has {len(dataset)} episodes, none numbered {index}")
         spec = chosen_models(dataset.task, observation, communication)

@@ -1,7 +1,4 @@
-"""A table of estimates, written as Markdown, CSV, LaTeX or aligned text.
-
-All numbers are written by `format_number` and `format_estimate`.
-"""
+"""A table of estimates, written as Markdown, CSV, LaTeX or aligned text."""
 
 import csv
 import io
@@ -15,8 +12,7 @@ from swarmdata.errors import UnknownNameError
 from swarmdata.rollouts.score_intervals import UNBOUNDED, Bounds
 from swarmdata.rollouts.score_statistics import Estimate
 
-UNDEFINED = "–"
-"""In place of a value that was not measured or is not defined."""
+UNDEFINED = "–"  # in place of a value that was not measured or is not defined
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,11 +154,8 @@ _LATEX = str.maketrans(
 
 
 def _latex(text: str) -> str:
-    """Escapes text for LaTeX.
-
-    LaTeX would read a bracket at the beginning of a row as an argument of the previous row.
-    """
     escaped = text.translate(_LATEX)
+    # a bracket at the beginning of a row would be an argument of the previous row
     return f"{{{escaped}}}" if escaped.startswith("[") else escaped
 
 

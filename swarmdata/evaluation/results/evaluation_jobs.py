@@ -23,7 +23,6 @@ from swarmdata.specs.task_spec import TaskSpec
 
 EVALUATOR = f"{__name__}:evaluator"
 
-
 Portable = Annotated[str | dict[str, Any] | None, BeforeValidator(portable_source)]
 """What `Source` takes; a path becomes absolute."""
 
@@ -181,15 +180,10 @@ def evaluator() -> Handler:
 
     def handle(payload: dict[str, Any], report: Report) -> None:
         wanted = Evaluation.parse(payload["evaluation"])
+        options = {name: payload[name] for name in ("again", "n_threads")}
         evaluate_target(
-            find(wanted),
-            wanted.n_episodes,
-            wanted.folder,
-            block=wanted.block,
-            again=payload["again"],
-            n_threads=payload["n_threads"],
-            progress=False,
-            report=report,
-        )
+            find(wanted), wanted.n_episodes, wanted.folder, block=wanted.block, progress=False,
+            report=report, **options,
+        )  # fmt: skip
 
     return handle

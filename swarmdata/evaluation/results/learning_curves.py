@@ -130,12 +130,8 @@ def plot_learning(files: Mapping[str, Mapping[str, Sequence[Path]]], out: Path) 
     """Draws success above and return below, with a column per task and a line per algorithm.
 
     A line is the mean over runs, its band the 95 % interval for new training seeds on the same
-    episodes; its label with the number of runs stands at its end.
-
-    Args:
-        files: task -> algorithm -> files with the columns `frames`, `success`, `return` and, if a
-            file has several runs, `seed`.
-        out: where to save.
+    episodes. The files, by task and algorithm, have the columns `frames`, `success`, `return` and,
+    if a file has several runs, `seed`.
 
     Raises:
         SchemaError: a file is malformed, or runs of a line were measured at different points.
@@ -143,24 +139,23 @@ def plot_learning(files: Mapping[str, Mapping[str, Sequence[Path]]], out: Path) 
     algorithms = dict.fromkeys(name for lines in files.values() for name in lines)
     styles = {name: line_style(k) for k, name in enumerate(algorithms)}
     rows: list[list[LinePanel]] = []
-    for column, ylabel, factor in METRIC_ROWS:
-        is_share = factor != 1.0
+    for row, (column, ylabel, factor) in enumerate(METRIC_ROWS):
+        bounds, limits = (SHARE, (-2.0, 102.0)) if factor != 1.0 else (UNBOUNDED, None)
         rows.append([])
         for k, (task, files_of) in enumerate(files.items()):
             lines = []
             for name, paths in files_of.items():
                 curve = read_curve(paths, column, progress="frames")
-                ends = interval_of(curve, SHARE if is_share else UNBOUNDED)
-                means = factor * np.stack([curve.values.mean(axis=0), *ends])
+                means = factor * np.stack([curve.values.mean(0), *interval_of(curve, bounds)])
                 n_runs = len(curve.values)
                 label = f"{name} ({n_runs} {'run' if n_runs == 1 else 'runs'})"
                 lines.append(Line(label, curve.progress, means, styles[name]))
             panel = LinePanel(
-                title=task if len(rows) == 1 else "",
+                title="" if row else task,
                 lines=lines,
-                xlabel="joint steps of training" if len(rows) == len(METRIC_ROWS) else "",
-                ylabel=ylabel if k == 0 else "",
-                limits=(-2.0, 102.0) if is_share else None,
+                xlabel="joint steps of training" if row else "",
+                ylabel="" if k else ylabel,
+                limits=limits,
                 counts=True,
             )
             rows[-1].append(panel)

@@ -19,8 +19,7 @@ from swarmdata.runtime.output_folder import OutputKind, check_output, filled
 
 TRAINING_REPORT = OutputKind("training report")
 
-LEARNED_SUCCESS = 0.9
-"""Team success that counts as having learned the task."""
+LEARNED_SUCCESS = 0.9  # team success that counts as having learned the task
 
 COLUMNS = (
     "task", "algorithm", "seeds", "joint steps", "success", "clean success", "return",

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.evaluation.runs.named_policies import open_run
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
@@ -35,12 +35,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.recognition import is_dataset as is_dataset_folder
 
-ONNX_SUFFIX = ".onnx"
-"""Of files with a policy."""
-
-DEFAULT_TASK = "coop_nav"
-"""Preset in which policies and tiers act unless another is named."""
-
+ONNX_SUFFIX = ".onnx"  # of files with a policy
+DEFAULT_TASK = "coop_nav"  # preset in which policies and tiers act unless another is named
 
 if TYPE_CHECKING:
     from swarmdata.evaluation.runs.trained_policies import Trained
@@ -81,10 +77,7 @@ Choose = Callable[..., TaskSpec]
 
 
 def _evaluation_spec(policy: str, trained: TaskSpec, choose: Choose, *, is_fixed: bool) -> TaskSpec:
-    """Returns the spec to evaluate a policy in: that of its training with the models asked for.
-
-    A fixed policy reads observations, and so needs the features of its training.
-    """
+    """The spec of the training with the models asked for; a fixed policy needs its features."""
     spec = choose(trained)
     if is_fixed and spec != trained:
         features = (features_of(make_task(each)) for each in (trained, spec))
@@ -141,7 +134,8 @@ def find_target(
         _refuse_sides(name, side, opponents)
     if is_dataset(name):
         check_no_task(name, task)
-    elif (own := own_dataset(name)) is not None:
+        return _recorded_target(name, find_recipe(name), choose)
+    if (own := own_dataset(name)) is not None:
         check_no_task(name, task)
         return _own_target(own, choose)
     task = DEFAULT_TASK if task is None else task
@@ -154,29 +148,19 @@ def find_target(
     if name in TRAINED_TIERS and (found := sources(task, name, 0.0)):
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=True)
         policies = tuple(make_source_policy(source, spec) for source in found)
-        contents = [source.sha256 for source in found]
-        return Target(spec, policies, _numbered(name, contents))
-    return _dataset_target(name, task, choose)
+        return Target(spec, policies, _numbered(name, [source.sha256 for source in found]))
+    raise _unknown(name, task)
 
 
 def onnx_target(files: Sequence[Path], spec: TaskSpec, label: str) -> Target:
-    """Returns the team of each file of ONNX, as one row.
-
-    Raises:
-        CheckpointError: a file does not fit the task.
-        MissingExtraError: onnxruntime is not installed.
-    """
+    """Returns the team of each file of ONNX, as one row; raises as `OnnxPolicy` does."""
     contents = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
     policies = tuple(OnnxPolicy(file, spec) for file in files)
     return Target(spec, policies, _numbered(label, contents))
 
 
 def own_dataset(name: str) -> Path | None:
-    """Finds a dataset that no shipped recipe makes: its folder, None if nothing has the name.
-
-    Args:
-        name: the folder, or an id of what is in the cache; no remote is asked.
-    """
+    """Returns the folder of a dataset that no shipped recipe makes, by its folder or cached id."""
     if name in POLICIES or name in TIERS:
         return None
     if is_folder(name):
@@ -205,15 +189,14 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
     )
 
 
-def _dataset_target(name: str, task: str, choose: Choose) -> Target:
+def _unknown(name: str, task: str) -> SwarmdataError:
+    """What is wrong with a name that means nothing."""
     if looks_like_path(name):
         is_there = "holds neither a training run nor a dataset"
-        raise SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
-    if not is_dataset(name):
-        trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
-        known = checkpoint_free_policies() | trained | {*shipped_recipes()}
-        raise UnknownNameError("policy, tier, dataset or run folder", name, known)
-    return _recorded_target(name, find_recipe(name), choose)
+        return SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
+    trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
+    known = checkpoint_free_policies() | trained | {*shipped_recipes()}
+    return UnknownNameError("policy, tier, dataset or run folder", name, known)
 
 
 def _own_target(folder: Path, choose: Choose) -> Target:
@@ -268,10 +251,7 @@ def _side_run_target(
             f"{task}; leave the task (--task) out"
         )
     spec = _evaluation_spec(str(folder), trained.whole, choose, is_fixed=True)
-    who, label = _opponents(opponents, trained.side, spec)
-    policies = tuple(play_sides(spec, trained.side, each, who) for each in found.policies())
-    played = SideSpec(whole=spec, side=trained.side, opponents=label)
-    return Target(spec, policies, found.provenances, played)
+    return _on_side(spec, trained.side, found.policies(), opponents, found.provenances)
 
 
 def _registered_target(
@@ -287,9 +267,20 @@ def _registered_target(
             "expected both: it plays one side, and they the others"
         )
     spec.side(side)
+    return _on_side(spec, side, (name,), opponents, provenances)
+
+
+def _on_side(
+    spec: TaskSpec,
+    side: str,
+    policies: Sequence[Policy | str],
+    opponents: str,
+    provenances: tuple[Provenance, ...],
+) -> Target:
+    """Policies that play one side, each against the opponents."""
     who, label = _opponents(opponents, side, spec)
-    played = SideSpec(whole=spec, side=side, opponents=label)
-    return Target(spec, (play_sides(spec, side, name, who),), provenances, played)
+    teams = tuple(play_sides(spec, side, each, who) for each in policies)
+    return Target(spec, teams, provenances, SideSpec(whole=spec, side=side, opponents=label))
 
 
 def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
@@ -334,8 +325,7 @@ def _run_target(
         "Evaluate it with swarmdata.evaluate_parallel and the environment, or compare runs by the "
         "data alone with `swarmdata rank`."
     )
-    trained = found.task(advice)
-    world = trained
+    world = trained = found.task(advice)
     if task is not None:
         world = with_models(find_spec(task), trained.observation, trained.communication)
     spec = choose(world, own=TaskSpec.parse(found.own_spec, str(folder)))

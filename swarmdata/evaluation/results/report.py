@@ -19,7 +19,7 @@ from swarmdata.evaluation.results.result_plots import (
     plot_score_profiles,
     result_looks,
 )
-from swarmdata.evaluation.results.result_set import Case, ResultSet, read_results
+from swarmdata.evaluation.results.result_set import Case, ResultSet, read_results, unique_names
 from swarmdata.evaluation.results.result_tables import (
     aggregate_table,
     case_table,
@@ -31,8 +31,7 @@ from swarmdata.runtime.output_folder import OutputKind, check_output, filled
 
 REPORT = OutputKind("report")
 
-MAX_PANELS = 4
-"""Columns of a table that its figure shows, from the left."""
+MAX_PANELS = 4  # columns of a table that its figure shows, from the left
 
 
 def shown_cases(results: ResultSet) -> dict[str, Case]:
@@ -40,13 +39,8 @@ def shown_cases(results: ResultSet) -> dict[str, Case]:
     specs = {case.spec.hash() for case in results.cases}
     alone = [case for case in results.baselines if case.spec.hash() not in specs]
     cases = [results.with_baselines(case) for case in (*results.cases, *alone)]
-    if len(cases) == 1:
-        return {"table": cases[0]}
-    names = [case.name for case in cases]
-    return {
-        name if names.count(name) == 1 else f"{name}-{case.spec.hash()[:8]}": case
-        for name, case in zip(names, cases, strict=True)
-    }
+    names = ["table"] if len(cases) == 1 else unique_names(cases)
+    return dict(zip(names, cases, strict=True))
 
 
 def tables_of(results: ResultSet) -> dict[str, Table]:
@@ -76,7 +70,7 @@ def write_report(
         folders: with result files, as `evaluate` saves them.
         out: folder to write to.
         runs: training runs whose learning curves are drawn in one figure.
-        data: folders of datasets that are neither published nor in the cache, for their means.
+        data: as `read_results` takes it.
         suffix: of figures: `.png`, `.svg` or `.pdf`.
 
     Returns:
@@ -96,7 +90,7 @@ def write_report(
     tables = tables_of(results)
     with filled(out, REPORT) as folder:
         left_out = _write_tables(results, tables, folder)
-    with filled(out, REPORT) as folder:
+    with filled(out, REPORT) as folder:  # apart, so that tables stay if figures cannot be drawn
         figures = _draw(results, tables, folder, suffix)
         if runs:
             figures["curves"] = _draw_curves(runs, results, folder / f"curves{suffix}")
@@ -111,11 +105,11 @@ def _write_tables(results: ResultSet, tables: Mapping[str, Table], out: Path) ->
         forms = {".md": table.to_markdown, ".csv": table.to_csv, ".tex": table.to_latex}
         for ending, form in forms.items():
             (out / f"{name}{ending}").write_text(form(), encoding="utf-8")
-    exported = marl_eval(results)
-    text = json.dumps(exported.document, allow_nan=False, separators=(",", ":"))
+    document, left_out = marl_eval(results)
+    text = json.dumps(document, allow_nan=False, separators=(",", ":"))
     (out / "marl-eval.json").write_text(f"{text}\n", encoding="utf-8")
     (out / "runs.csv").write_text(runs_csv(results), encoding="utf-8")
-    return exported.left_out
+    return left_out
 
 
 def _draw(
@@ -151,14 +145,8 @@ def _draw_curves(runs: Sequence[Path], results: ResultSet, path: Path) -> Path:
     }
     data = [case.data.success for case in results.cases if case.data is not None]
     references = {"mean of the data": data[0]} if len(data) == 1 else {}  # of one dataset
-    plot_curves(
-        curves,
-        path,
-        ylabel="team success (%)",
-        factor=100.0,
-        looks=result_looks(results),
-        references=references,
-    )
+    looks, label = result_looks(results), "team success (%)"
+    plot_curves(curves, path, ylabel=label, factor=100.0, looks=looks, references=references)
     return path
 
 

@@ -1,10 +1,4 @@
-"""Refuses results that are stale or cannot be compared; one error has all reasons.
-
-- stale: the run has changed since it was evaluated, or the dataset's digest is not the one that is
-  published under its id;
-- mixed: different versions of the code, episodes, specs, or contents of one dataset; different
-  settings or lengths of training under one label; duplicates of a policy.
-"""
+"""Refuses results that are stale or cannot be compared, with one error that has all reasons."""
 
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from functools import cache
@@ -19,15 +13,16 @@ from swarmdata.specs.origins import Spec
 
 Key = TypeVar("Key", bound=Hashable)
 
-MAX_NAMED_FILES = 3
-"""Files of each group that a message names; more are counted."""
+MAX_NAMED_FILES = 3  # files of each group that a message names; more are counted
 
 
 def check_results(results: Sequence[Result]) -> None:
     """Checks that the results are current and can be compared.
 
     Raises:
-        ResultsError: they are not; the message has all reasons and the files.
+        ResultsError: a run has changed since it was evaluated, or a dataset is not the published
+            one; or versions of the code, episodes, specs, contents of a dataset, or settings of a
+            label differ, or a policy is there twice. The message has all reasons and the files.
     """
     problems = [*_stale_runs(results), *_stale_datasets(results), *_mixed(results)]
     if problems:

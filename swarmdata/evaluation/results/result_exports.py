@@ -1,18 +1,13 @@
-"""Exports a result set for other tools: one row per run as CSV, and marl-eval's nested JSON.
-
-The JSON's schema is that of marl-eval's README, "Data Structure for Raw Experiment data" (Gorsane
-et al., NeurIPS 2022): environment -> task -> algorithm -> run -> steps and absolute metrics, each
-metric a list over episodes. Our environment is the task, our task the dataset.
-"""
+"""Exports a result set for other tools: one row per run as CSV, and marl-eval's nested JSON."""
 
 from collections import Counter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.evaluation.results.result_set import Case, ResultSet, unique_names
 from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts import metrics
 from swarmdata.types import Double
@@ -23,29 +18,21 @@ def runs_csv(results: ResultSet) -> str:
 
     Time to goal counts an unsolved episode as the horizon; other undefined means are empty.
     """
-    rows = []
-    for case in (*results.cases, *results.baselines):
-        for label, runs in case.runs.items():
-            for result in runs:
-                values = episode_values(case, result)
-                means = {name: value.mean() for name, value in values.items()}
-                rows.append(_run_fields(case, label, result) | means)
+    fields = ("index", "seed", "algorithm", "updates", "frames")
+    rows = [
+        {
+            "label": label,
+            "dataset": case.dataset,
+            "task": case.spec.task,
+            **{name: getattr(result.provenance, name) for name in fields},
+            "episodes": len(result.evaluation.seeds),
+            **{name: values.mean() for name, values in episode_values(case, result).items()},
+        }
+        for case in (*results.cases, *results.baselines)
+        for label, runs in case.runs.items()
+        for result in runs
+    ]
     return to_csv(rows, "")
-
-
-def _run_fields(case: Case, label: str, result: Result) -> dict[str, Any]:
-    provenance = result.provenance
-    return {
-        "label": label,
-        "dataset": case.dataset,
-        "task": case.spec.task,
-        "index": provenance.index,
-        "seed": provenance.seed,
-        "algorithm": provenance.algorithm,
-        "updates": provenance.updates,
-        "frames": provenance.frames,
-        "episodes": len(result.evaluation.seeds),
-    }
 
 
 def episode_values(case: Case, result: Result) -> dict[str, Double]:
@@ -61,42 +48,33 @@ def episode_values(case: Case, result: Result) -> dict[str, Double]:
     return values
 
 
-class MarlEval(NamedTuple):
-    """The document that marl-eval reads, and the labels that it cannot represent."""
+def marl_eval(results: ResultSet) -> tuple[dict[str, Any], list[str]]:
+    """Converts results to the schema of marl-eval; returns it with the labels that it cannot hold.
 
-    document: dict[str, Any]
-    left_out: tuple[str, ...]
-
-
-def marl_eval(results: ResultSet) -> MarlEval:
-    """Converts results to the schema of marl-eval; write the document with `json.dumps`.
-
-    It requires the same algorithms, with equally many runs, on all tasks of an environment; other
-    labels are left out and returned. If there are no datasets, the tasks take their place.
+    The schema is that of its README, "Data Structure for Raw Experiment data" (Gorsane et al.,
+    NeurIPS 2022): environment -> task -> algorithm -> run -> steps and absolute metrics, each
+    metric a list over episodes. Our environment is the task, our task the dataset; if there are no
+    datasets, the task again. All tasks of an environment need the same algorithms, with equally
+    many runs; other labels are left out.
 
     A run has one logged step, with the first tenth of its episodes, and all episodes as absolute
     metrics. The return, which marl-eval may normalize by its extremes, is written for each episode
-    with six digits. Other metrics are written as means, which the schema allows, to keep files of
-    1000 episodes small. A metric that is undefined in some episode is left out.
+    with six digits, other metrics as means, to keep files of 1000 episodes small. A metric that is
+    undefined in some episode is left out.
     """
     cases = results.cases or results.baselines
     document: dict[str, Any] = {}
-    left_out: list[str] = []
+    left_out: dict[str, None] = {}
     for environment in dict.fromkeys(case.spec.task for case in cases):
         group = [case for case in cases if case.spec.task == environment]
         labels = _common(group)
-        left_out += [label for case in group for label in case.runs if label not in labels]
+        left_out |= {label: None for case in group for label in case.runs if label not in labels}
+        defined = _defined(group, labels)
         document[environment] = {
-            _task(case, group): {
-                label: {
-                    f"run_{index}": run
-                    for index, run in enumerate(_runs(case, label, _defined(group, labels)))
-                }
-                for label in labels
-            }
-            for case in group
+            name: {label: _runs(case, label, defined) for label in labels}
+            for name, case in zip(unique_names(group), group, strict=True)
         }
-    return MarlEval(document, tuple(dict.fromkeys(left_out)))
+    return document, list(left_out)
 
 
 def _common(group: list[Case]) -> list[str]:
@@ -105,12 +83,6 @@ def _common(group: list[Case]) -> list[str]:
     counts = {label: {len(case.runs[label]) for case in group} for label in everywhere}
     usual = Counter(next(iter(n)) for n in counts.values() if len(n) == 1).most_common(1)
     return [label for label in everywhere if usual and counts[label] == {usual[0][0]}]
-
-
-def _task(case: Case, group: list[Case]) -> str:
-    """Name of a case that no other of its environment has."""
-    is_unique = sum(other.name == case.name for other in group) == 1
-    return case.name if is_unique else f"{case.name}-{case.spec.hash()[:8]}"
 
 
 def _defined(group: list[Case], labels: list[str]) -> list[str]:
@@ -128,21 +100,16 @@ def _defined(group: list[Case], labels: list[str]) -> list[str]:
     ]
 
 
-def _runs(case: Case, label: str, names: list[str]) -> list[dict[str, Any]]:
-    found = []
-    for result in case.runs[label]:
-        values = episode_values(case, result)
+def _runs(case: Case, label: str, names: list[str]) -> dict[str, Any]:
+    found = {}
+    for index, result in enumerate(case.runs[label]):
+        values, provenance = episode_values(case, result), result.provenance
         first = max(1, len(result.evaluation.seeds) // 10)
-        step = result.provenance.updates or result.provenance.frames or 0
-        found.append(
-            {
-                "step_1": {
-                    "step_count": step,
-                    **{name: _list(name, values[name][:first]) for name in names},
-                },
-                "absolute_metrics": {name: _list(name, values[name]) for name in names},
-            }
-        )
+        count = {"step_count": provenance.updates or provenance.frames or 0}
+        found[f"run_{index}"] = {
+            "step_1": count | {name: _list(name, values[name][:first]) for name in names},
+            "absolute_metrics": {name: _list(name, values[name]) for name in names},
+        }
     return found
 
 

@@ -1,7 +1,4 @@
-"""Results as JSON files, with the provenance of the policy and the spec of the evaluation.
-
-Floats are written as their shortest exact decimals, undefined values as null.
-"""
+"""Results as JSON files, with the provenance of the policy and the spec of the evaluation."""
 
 import json
 import math
@@ -68,7 +65,7 @@ Seed = Annotated[int, Field(ge=0, lt=1 << 64)]
 
 
 class _Document(Frozen):
-    """The content of a file."""
+    """The content of a file: floats as their shortest exact decimals, undefined values as null."""
 
     model_config = ConfigDict(title="evaluation result")
 

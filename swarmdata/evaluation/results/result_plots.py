@@ -1,9 +1,6 @@
-"""Figures of a result set: scores, performance profiles, comparisons, Pareto fronts, estimates.
+"""Figures of a result set, in which a label has the same color and marker everywhere."""
 
-A label has the same color and marker in all of them. Errors are those of `evaluation.figures`.
-"""
-
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from pathlib import Path
 
 from swarmdata.drawing.style import (
@@ -27,11 +24,10 @@ from swarmdata.evaluation.figures.dot_plot import (
 from swarmdata.evaluation.figures.front_plot import FrontPanel, plot_fronts
 from swarmdata.evaluation.figures.matrix_plot import MatrixCell, Notes, plot_matrix
 from swarmdata.evaluation.results.aggregates import (
-    Point,
+    collisions_and_returns,
     differences,
     pareto_front,
     performance_profile,
-    returns_and_collisions,
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import Case, ResultSet
@@ -50,8 +46,7 @@ BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
 def looks_of(trained: Mapping[str, str], others: Collection[str] = ()) -> dict[str, dict[str, str]]:
     """Returns the color and marker of each label, by name, so that all figures of a report agree.
 
-    An algorithm has a color, and its labels, which learned from data, have markers; others are
-    gray.
+    An algorithm has a color, its labels have markers; those that learned from no data are gray.
     """
     looks = family_looks(dict(sorted(trained.items())))
     for k, label in enumerate(sorted(set(others) - set(trained))):
@@ -88,10 +83,7 @@ def plot_result_scores(results: ResultSet, path: Path) -> None:
 def plot_score_profiles(tables: Mapping[str, Double], looks: Looks, path: Path) -> None:
     """Draws the share of the measured runs that score above each threshold, the best on top.
 
-    Args:
-        tables: label -> scores [runs, datasets, episodes], such as `ComparableScores.tables`.
-        looks: color and marker of each label.
-        path: where to save.
+    The tables are label -> scores [runs, datasets, episodes], such as `ComparableScores.tables`.
     """
     runs = {label: table.mean(axis=-1) for label, table in tables.items()}
     thresholds = thresholds_of(runs)
@@ -114,9 +106,7 @@ def plot_score_profiles(tables: Mapping[str, Double], looks: Looks, path: Path) 
 def plot_differences(tables: Mapping[str, Double], path: Path) -> None:
     """Draws the mean score of each label (a row) minus that of each worse one (a column).
 
-    Args:
-        tables: label -> scores [runs, datasets, episodes], of two labels or more.
-        path: where to save.
+    The tables are label -> scores [runs, datasets, episodes], of two labels or more.
     """
     labels = sorted(tables, key=lambda label: (-float(tables[label].mean()), label))
     if len(labels) < 2:
@@ -143,39 +133,33 @@ def plot_pareto(cases: Collection[Case], path: Path, looks: Looks) -> None:
 
 
 def _front_of(case: Case) -> FrontPanel:
-    points = returns_and_collisions(case)
-    far = _far_from_trained(case, points)
-    near = [point for point in points if point.label not in far]
+    points = collisions_and_returns(case)
+    far = _far_from_trained(case, {label: y.value for label, (_, y) in points.items()})
+    near = {label: point for label, point in points.items() if label not in far}
     best = pareto_front(  # an expert that is not in view is no reason to call all others worse
-        [point.team_return.value for point in near], [point.collisions.value for point in near]
+        [y.value for _, y in near.values()], [x.value for x, _ in near.values()]
     )
     return FrontPanel(
-        points={point.label: (point.collisions, point.team_return) for point in points},
-        front=[point.label for point, is_best in zip(near, best.tolist(), strict=True) if is_best],
+        points=points,
+        front=[label for label, is_best in zip(near, best.tolist(), strict=True) if is_best],
         line=None if case.data is None else case.data.mean_return,
         far=far,
     )
 
 
-def _far_from_trained(case: Case, points: Sequence[Point]) -> list[str]:
+def _far_from_trained(case: Case, returns: Mapping[str, float]) -> list[str]:
     """Labels whose return is far outside those of labels that learned from data."""
-    returns = [p.team_return.value for p in points if p.label in case.trained]
-    if not returns:
+    if not case.trained:
         return []
-    returns += [] if case.data is None else [case.data.mean_return]
-    margin = MAX_DISTANCE_IN_VIEW * max(max(returns) - min(returns), 1e-9)
-    low, high = min(returns) - margin, max(returns) + margin
-    return [p.label for p in points if not low <= p.team_return.value <= high]
+    known = [returns[label] for label in case.trained]
+    known += [] if case.data is None else [case.data.mean_return]
+    margin = MAX_DISTANCE_IN_VIEW * max(max(known) - min(known), 1e-9)
+    low, high = min(known) - margin, max(known) + margin
+    return [label for label, value in returns.items() if not low <= value <= high]
 
 
 def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path, looks: Looks) -> None:
-    """Draws a panel per quantity with a row per policy, the first one on top.
-
-    Args:
-        panels: axis label with unit -> policy -> estimate in that unit, as of `Table.panels`.
-        path: where to save.
-        looks: color and marker of each policy.
-    """
+    """Draws panels, as of `Table.panels`, with a row per policy, the first one on top."""
     rows = next((list(estimates) for estimates in panels.values()), [])
     drawn = [Panel(estimates, xlabel) for xlabel, estimates in panels.items()]
     plot_dots([PanelLine(rows, drawn)], looks, path, legend={})

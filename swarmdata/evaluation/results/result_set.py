@@ -1,7 +1,4 @@
-"""Reads folders of results into one set: by dataset and label, one result per training seed.
-
-Results that are stale or cannot be compared are refused with one error.
-"""
+"""Reads folders of results into one set: by dataset and label, one result per training seed."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
@@ -171,11 +168,10 @@ class ResultSet:
 
         Labels of online algorithms get a suffix, because some offline algorithms have their names.
         """
-        found = (each for each in self.baselines if each.spec.hash() == case.spec.hash())
         others = {
             f"{label} (online)" if runs[0].provenance.frames is not None else label: runs
-            for each in found
-            if each is not case
+            for each in self.baselines
+            if each is not case and each.spec.hash() == case.spec.hash()
             for label, runs in each.runs.items()
         }
         return replace(case, runs=MappingProxyType({**others, **case.runs}))
@@ -208,13 +204,8 @@ def group_results(
 ) -> ResultSet:
     """Groups results by dataset and label, as `read_results` does.
 
-    Args:
-        results: of any policies.
-        data: as `read_results` takes it.
-        is_checked: whether stale and mixed results are refused.
-
     Raises:
-        ResultsError: results are stale, or cannot be compared.
+        ResultsError: `is_checked`, and results are stale, or cannot be compared.
     """
     if is_checked:
         check_results(results)
@@ -227,6 +218,15 @@ def group_results(
         cases=tuple(case for case in cases if case.dataset is not None),
         baselines=tuple(case for case in cases if case.dataset is None),
     )
+
+
+def unique_names(cases: Sequence[Case]) -> list[str]:
+    """Returns the names of cases, with the start of the spec's hash where several have one."""
+    names = [case.name for case in cases]
+    return [
+        name if names.count(name) == 1 else f"{name}-{case.spec.hash()[:8]}"
+        for name, case in zip(names, cases, strict=True)
+    ]
 
 
 def _files(path: Path) -> list[Path]:
@@ -247,17 +247,12 @@ def _case(group: Sequence[Result], data: Sequence[Path | str]) -> Case:
     def mean_return(label: str) -> float:
         return float(np.mean([each.evaluation.metrics["return"].mean() for each in runs[label]]))
 
-    return Case(
-        dataset=provenance.dataset_key,
-        spec=spec,
-        reference=reference_of(spec),
-        data=None  # of all sides
-        if "side" in provenance.changes
-        else _data_figures(provenance.dataset, provenance.digest, data),
-        runs=MappingProxyType(
-            {label: tuple(runs[label]) for label in sorted(runs, key=mean_return)}
-        ),
-    )
+    figures = None
+    if "side" not in provenance.changes:  # the figures of a dataset are of all sides
+        figures = _data_figures(provenance.dataset, provenance.digest, data)
+    ordered = {label: tuple(runs[label]) for label in sorted(runs, key=mean_return)}
+    key = provenance.dataset_key
+    return Case(key, spec, reference_of(spec), figures, MappingProxyType(ordered))
 
 
 def case_order(case: Case) -> tuple[str, int, float, str]:
@@ -269,9 +264,8 @@ def case_order(case: Case) -> tuple[str, int, float, str]:
 def reference_of(spec: Spec) -> Reference | None:
     """Returns the reference of the score: of the spec, else of the headline spec of its world.
 
-    Models change neither rewards nor returns. A policy that observes less is scored on the scale of
-    the headline spec, so that the loss is visible; so is one in another simulator, or
-    with randomization.
+    Policies that observe less, act in another simulator or with randomization are on the scale of
+    the headline spec, so that the loss is visible.
     """
     if spec.world is None:
         return None

@@ -1,7 +1,4 @@
-"""Tables of a result set: one case in detail, labels by dataset, aggregates, and comparisons.
-
-They also show what the dataset's own episodes achieved, with action noise.
-"""
+"""Tables of a result set: one case in detail, labels by dataset, aggregates, and comparisons."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -12,9 +9,9 @@ import numpy as np
 
 from swarmdata.evaluation.results.aggregates import (
     ComparableScores,
-    aggregates,
     comparable_scores,
     differences,
+    mean_over_datasets,
     optimality_gap,
 )
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
@@ -68,9 +65,6 @@ class Quantity:
 SCORE = Quantity(Column("score", "score", "", 1))
 RETURN = Quantity(Column("return", "return", "", 2), "mean_return")
 SUCCESS = Quantity(Column("success", "success", "%", 1, 100.0, is_rate=True), "success")
-CLEAN_SUCCESS = Quantity(
-    Column("clean_success", "clean success", "%", 1, 100.0, is_rate=True), "clean_success"
-)
 
 QUANTITIES: Mapping[str, Quantity] = {
     each.column.key: each
@@ -78,7 +72,9 @@ QUANTITIES: Mapping[str, Quantity] = {
         SCORE,
         RETURN,
         SUCCESS,
-        CLEAN_SUCCESS,
+        Quantity(
+            Column("clean_success", "clean success", "%", 1, 100.0, is_rate=True), "clean_success"
+        ),
         Quantity(Column("robot_collisions", "robot collisions", "", 2, bounds=AT_LEAST_ZERO)),
         Quantity(Column("obstacle_collisions", "obstacle collisions", "", 2, bounds=AT_LEAST_ZERO)),
         Quantity(Column("time_to_goal", "time to goal", "s", 1, bounds=AT_LEAST_ZERO)),
@@ -86,8 +82,9 @@ QUANTITIES: Mapping[str, Quantity] = {
 }
 """The quantities in tables of our tasks, by key."""
 
-LENGTH = Quantity(Column("length", "length", "steps", 1, bounds=AT_LEAST_ZERO))
-FOREIGN_QUANTITIES = (RETURN, SUCCESS, LENGTH)
+FOREIGN_QUANTITIES = (
+    RETURN, SUCCESS, Quantity(Column("length", "length", "steps", 1, bounds=AT_LEAST_ZERO))
+)  # fmt: skip
 
 
 def quantities_of(case: Case) -> tuple[Quantity, ...]:
@@ -100,12 +97,7 @@ def quantities_of(case: Case) -> tuple[Quantity, ...]:
 
 
 def case_table(case: Case) -> Table:
-    """Returns all quantities of one dataset or spec, one row per label.
-
-    Values are means over runs and episodes with their 95 % intervals (`rollouts.score_intervals`):
-    for new training seeds and episodes, or, of a label with one run, for new episodes. An unsolved
-    episode counts as the horizon in time to goal.
-    """
+    """Returns all quantities of one dataset or spec, one row per label, with 95 % intervals."""
     quantities = quantities_of(case)
     rows = [
         Row(label, len(runs), tuple(estimate(q, case, label) for q in quantities))
@@ -154,7 +146,6 @@ def estimate_values(values: Double, column: Column) -> Estimate:
 
 
 def _without_interval(value: float | None) -> Estimate:
-    """A value without an interval."""
     return UNDEFINED_ESTIMATE if value is None else Estimate(value, math.nan, math.nan)
 
 
@@ -215,14 +206,11 @@ def _words_of_view(case: Case) -> Iterator[str]:
 def aggregate_table(results: ResultSet) -> Table:
     """Returns the mean and the optimality gap of scores over all datasets."""
     found = comparable_scores(results)
-    columns = (
-        Column("mean", "mean", "", 1),
-        Column("optimality_gap", "optimality gap", "", 1),
-    )
-    rows = [
-        Row(label, each.n_runs, (each.mean, _without_interval(each.optimality_gap)))
-        for label, each in aggregates(found.tables).items()
-    ]
+    columns = Column("mean", "mean", "", 1), Column("optimality_gap", "optimality gap", "", 1)
+    rows = []
+    for label, table in found.tables.items():
+        gap = optimality_gap(table.mean(axis=-1))
+        rows.append(Row(label, len(table), (mean_over_datasets(table), _without_interval(gap))))
     own = [results.case(dataset).data_score for dataset in found.datasets]
     known = [score for score in own if score is not None]
     if known and len(known) == len(own):

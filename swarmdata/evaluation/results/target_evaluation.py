@@ -41,16 +41,16 @@ def evaluate_target(
     progress: bool = True,
     report: Callable[[int], object] = lambda episodes: None,
 ) -> list[Result]:
-    """Evaluates every policy of a target on the seeds of a block.
+    """Evaluates every policy of a target on the seeds of a block, as `rollouts.evaluate` does.
 
     Args:
         target: the team.
         n_episodes: number of seeds, from the first of the block.
-        block: the reserved `evaluation` seeds, or the `validation` seeds.
         out: folder for one file per policy (`provenance.file_name`). Results in it of the same
             policy, spec, seeds and code are reused.
-        again: whether to evaluate again instead.
-        n_threads: threads that step the worlds, as `make_env` takes it.
+        block: as `evaluate` takes it, and so the rest.
+        again: whether to evaluate again instead of reusing results.
+        n_threads: that step the worlds.
         progress: whether to show progress bars.
         report: called with the number of episodes that have just finished.
 
@@ -65,16 +65,9 @@ def evaluate_target(
         kept = None if out is None else kept_result(target.measured, provenance, seeds, out)
         if kept is None or again:
             evaluation = evaluate(
-                policy,
-                target.spec,
-                name=target.label,
-                n_episodes=n_episodes,
-                block=block,
-                side=target.side,
-                n_threads=n_threads,
-                progress=progress,
-                report=report,
-            )
+                policy, target.spec, name=target.label, n_episodes=n_episodes, block=block,
+                side=target.side, n_threads=n_threads, progress=progress, report=report,
+            )  # fmt: skip
             kept = Result(evaluation, provenance, target.measured)
             if out is not None:
                 save_result(kept, out)

@@ -1,11 +1,4 @@
-"""Evaluates policies in another simulator too, on the same seeds and layouts.
-
-results/           result files of both simulators
-simulators.csv     scores and counts side by side, their changes, and the agreement of the ranks
-
-A task's spec says in which simulator its policies were trained or written. Scores of both are on
-the scale of that one, so that a loss is visible. An interrupted comparison resumes.
-"""
+"""Evaluates policies in another simulator than the task's too, on the same seeds and layouts."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -38,8 +31,7 @@ COMPARISON = OutputKind("comparison of simulators")
 
 TABLE_FILE = "simulators.csv"
 
-LEAST_RANKED = 3
-"""Policies from which on a rank correlation is computed."""
+LEAST_RANKED = 3  # policies from which on a rank correlation is computed
 
 
 class TeamTransfer(NamedTuple):
@@ -70,11 +62,12 @@ def compare_simulators(
 
     Args:
         names: policies, tiers and run folders, as `find_target` takes them.
-        out: folder; an interrupted comparison resumes in it.
+        out: folder for result files of both simulators and the table; an interrupted comparison
+            resumes in it.
         backend: the other simulator.
-        task: preset or spec file in which they act, as `find_target` takes it.
+        task: as `find_target` takes it.
         n_episodes: number of seeds, the same for all.
-        block: the reserved `evaluation` seeds, or the `validation` seeds.
+        block: of the seeds.
         options: where policies are evaluated.
 
     Raises:
@@ -133,16 +126,14 @@ def _team(known: Sequence[Evaluation], new: Sequence[Evaluation]) -> TeamTransfe
 def rank_agreement(teams: Sequence[TeamTransfer]) -> Estimate | None:
     """Spearman's rank correlation of all policies' mean scores in both simulators.
 
-    The interval is a bootstrap over policies (`rank_statistics`); None for fewer than
-    `LEAST_RANKED` policies.
+    None for fewer than `LEAST_RANKED` policies.
     """
     means = [[each.mean(axis=1) for each in team.scores()] for team in teams]
     known, new = (np.concatenate(each) for each in zip(*means, strict=True))
     return ranking_quality(known, new).spearman if len(known) >= LEAST_RANKED else None
 
 
-CHANGE = "change"
-"""Stands as the simulator of differences between the second and the first."""
+CHANGE = "change"  # stands as the simulator of differences between the second and the first
 
 COUNTS = ("success", "robot_collisions", "obstacle_collisions")
 

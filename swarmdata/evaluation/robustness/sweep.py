@@ -2,12 +2,6 @@
 
 results/trained/            result files with everything as in training
 results/PART-NAME-VALUE/    result files at one value of an axis
-sweep.csv, sweep.md         all estimates; a table for each axis
-PART-NAME.png               a figure for each axis
-
-An interrupted sweep resumes: existing results of the same policies, seeds and code are reused. A
-point is one team in one of these folders, `bc/observation-noise-0.1`; schedulers may run points in
-any order, and `collect_sweep` writes the rest.
 """
 
 from collections.abc import Sequence
@@ -51,8 +45,7 @@ SWEEP = OutputKind("sweep")
 
 RESULTS_FOLDER = "results"
 
-TRAINED_FOLDER = "trained"
-"""Of results with everything as in training."""
+TRAINED_FOLDER = "trained"  # of results with everything as in training
 
 
 class _SweepPoint(NamedTuple):
@@ -116,15 +109,14 @@ def plan_sweep(
     """Finds the teams and checks them, before anything is evaluated.
 
     Args:
-        names: as `policy_names.find_target` takes them: online and offline runs, tiers, datasets
-            of trained policies.
+        names: runs, tiers and datasets of trained policies, as `find_target` takes them.
         axes: parameters and their values.
         out: folder; an interrupted sweep of the same teams resumes in it.
         n_episodes: number of seeds, the same at every point.
         task: of tiers and runs, as `find_target` takes it.
-        backend: simulator of all points; None: that of the training.
-        randomization: ranges from which episodes draw at all points; None: those of the training.
-        block: the reserved `evaluation` seeds, or the `validation` seeds.
+        backend: simulator of all points, likewise.
+        randomization: of all points, likewise.
+        block: of the seeds.
 
     Raises:
         OutputError: `out` has files that no sweep wrote.

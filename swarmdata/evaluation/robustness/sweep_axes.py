@@ -1,11 +1,8 @@
 """Axes of a robustness sweep: a parameter of a model or of the robots' bodies, and its values.
 
-An axis is written `drop=0..0.8`, values evenly spaced between two ends, or `drop=0,0.3,0.6`.
-Its name is a field of the communication or observation model, such as `delay` or `noise.velocity`,
-or one of the short names below. Fields that change the number or the unit of the
-features cannot be axes: a policy would misread its observations rather than observe less.
-An axis of the body is a limit of all robots, or what a payload weighs and how it rubs
-(`BODY_FIELDS`, `PAYLOAD_RANGES`), in any simulator.
+Its name is a field of the communication or observation model, such as `noise.velocity`, or one of
+the short names below. Fields that change the number or the unit of the features cannot be axes: a
+policy would misread its observations rather than observe less.
 """
 
 from collections.abc import Iterator, Mapping
@@ -34,8 +31,7 @@ from swarmdata.specs.task_spec import Robot, TaskSpec
 
 Part = Literal["communication", "observation", "body"]
 
-Place = tuple[str | int, ...]
-"""Keys from the top of a spec to one of its values."""
+Place = tuple[str | int, ...]  # keys from the top of a spec to one of its values
 
 SHORT_NAMES = {
     "drop": "drop_probability",
@@ -50,8 +46,7 @@ BODY_FIELDS = (
 )  # fmt: skip
 """Fields of `task_spec.Robot` that are axes of the body."""
 
-UNICYCLE_FIELDS = ("max_turn_rate", "wheel_grip")
-"""Those of them that only unicycles have."""
+UNICYCLE_FIELDS = ("max_turn_rate", "wheel_grip")  # those of them that only unicycles have
 
 EXAMPLES: Mapping[Part, str] = {
     "communication": "drop=0..0.8",

@@ -1,19 +1,11 @@
 """`train auto`: chooses an algorithm for a dataset by statistics of its episodes, without training.
 
-Two questions of three:
-
-1. Does some behavior policy solve most of its episodes, for certain? Then imitate it. Of many
-   policies with few episodes, the best looks better than it is: the lower end of its interval
-   counts.
-2. If so: are the best episodes by other policies than the rest? Then clone the best episodes, else
-   all.
+1. Does some behavior policy solve most of its episodes, for certain? Then imitate it.
+2. If so: are the best episodes by other policies than the rest? Then clone the best, else all.
 3. If not: do the robots of a team share most of their return? Then a robot's own action explains
-   little of it, and learned values mislead: clone the best episodes. Else learn values: with
-   `maddpg_bc`, which stays close to the data, where a contact ends the episode, else with `iql`.
+   little of it, and learned values mislead: clone the best episodes. Else learn values.
 
-`tests/benchmarks/fit_auto.py` fits the thresholds to the scores of the study `regimes`: the fewest
-datasets get an algorithm that is clearly worse than another one, and the gaps between the datasets
-on both sides are the widest. docs/measurements.md has what the choice loses, dataset by dataset.
+`tests/benchmarks/fit_auto.py` fits the thresholds to the scores of the study `regimes`.
 """
 
 import logging
@@ -31,13 +23,11 @@ from swarmdata.types import Double, Int
 
 _LOG = logging.getLogger("swarmdata")
 
-AUTO = "auto"
-"""What `train` takes for the name of an algorithm, to choose one of `CANDIDATES`."""
+AUTO = "auto"  # what `train` takes for the name of an algorithm, to choose one of `CANDIDATES`
 
 CANDIDATES = ("bc", "filtered_bc", "iql", "maddpg_bc")
 
-BEST_SHARE = 0.1
-"""Of the episodes: those that `filtered_bc` keeps."""
+BEST_SHARE = 0.1  # of the episodes: those that `filtered_bc` keeps
 
 FEWEST_EPISODES = 300
 """Of a train split, below which chance moves the statistics far: its best tenth is 30 episodes."""
@@ -62,8 +52,7 @@ THRESHOLDS = {
 }
 """By the name of the statistic, as `tests/benchmarks/fit_auto.py` prints them."""
 
-STATISTICS = tuple(THRESHOLDS)
-"""In the order of the questions."""
+STATISTICS = tuple(THRESHOLDS)  # in the order of the questions
 
 
 @dataclass(frozen=True)
@@ -103,12 +92,9 @@ class EpisodeStatistics:
 
 
 def _shift(best: Int, counts: Int) -> float:
-    """Total variation between the policies of the best episodes and of all, beyond chance.
-
-    What chance gives is subtracted: the mean of |share - p| of n of N episodes, drawn without
-    replacement, is about sqrt(2 / pi p (1 - p) (1 - n / N) / n) for a policy with the share p.
-    """
+    """Total variation between the policies of the best episodes and of all, beyond chance."""
     n, p = best.sum(), counts / counts.sum()
+    # about the mean of |share - p| of n of N episodes, drawn without replacement
     chance = np.sqrt(2 / np.pi * p * (1 - p) * (1 - n / counts.sum()) / n)
     return float(max((np.abs(best / n - p) - chance).sum() / 2, 0.0))
 
@@ -117,11 +103,10 @@ def _common_share(returns: Double) -> float:
     """The correlation of robots' returns within episodes, [n, N]: 0 if independent, 1 if equal.
 
     ICC(1) of Shrout & Fleiss, "Intraclass Correlations: Uses in Assessing Rater Reliability",
-    Psychological Bulletin 1979, with variances that divide by n. Returns are centered for each
-    robot, so that different roles are no variance.
+    Psychological Bulletin 1979, with variances that divide by n.
     """
     n_robots = returns.shape[1]
-    centered = returns - returns.mean(axis=0)
+    centered = returns - returns.mean(axis=0)  # so that different roles are no variance
     total = centered.var()
     if n_robots == 1 or total == 0:
         return 0.0

@@ -21,8 +21,7 @@ from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
-DEFAULT_STEPS = 50_000
-"""Joint steps of a dataset unless more are asked for: those of a mini."""
+DEFAULT_STEPS = 50_000  # joint steps of a dataset unless more are asked for: those of a mini
 
 DEFAULT_TIER = "own"
 
@@ -94,7 +93,10 @@ def generate(
         MissingExtraError: a run folder needs torch.
     """
     spec = chosen_models(find_spec(task), observation, communication, backend, randomization)
-    _check_id(id)
+    if id in shipped_recipes() or id in published():
+        raise SpecError(
+            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
+        )
     shares = _shares(policies)
     if noise and not any(takes_noise(name, spec) for name in shares):
         raise SpecError(f"none of the policies {', '.join(shares)} has action noise; leave it out")
@@ -137,14 +139,6 @@ def _recipe(
     return Recipe.parse(content, f"the recipe of {id}")
 
 
-def _check_id(id: str) -> None:
-    """Refuses an id that means another dataset."""
-    if id in shipped_recipes() or id in published():
-        raise SpecError(
-            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
-        )
-
-
 def _shares(
     policies: str | Path | Sequence[str | Path] | Mapping[str, float],
 ) -> dict[str, float]:
@@ -170,10 +164,7 @@ def _sources(
     folder: Path,
     report: Callable[[Behavior], None],
 ) -> list[PolicySource]:
-    """The policies of all names, whose networks are copied into a folder.
-
-    They have labels of their own: runs of one name get a number.
-    """
+    """The policies of all names, whose networks are copied into a folder; labels are unique."""
     found: dict[str, PolicySource] = {}
     for name, share in shares.items():
         for behavior in behaviors_of(name, share, spec, noise, folder):

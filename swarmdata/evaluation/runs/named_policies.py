@@ -72,8 +72,7 @@ def behaviors_of(
     elif (run := find_run(name)) is not None:
         found = tuple(_copies(run, spec, noise, folder / CHECKPOINTS))
     elif name in checkpoint_free_policies():
-        std = noise if takes_noise(name, spec) else 0.0
-        found = (Behavior(PolicySource(label=name, name=name, noise=std)),)
+        found = (Behavior(_registered(name, name, spec, noise)),)
     else:
         found = tuple(map(Behavior, of_tier(name, spec, noise)))
     whole = sum(each.source.share for each in found)
@@ -96,12 +95,12 @@ def _of_sides(names: str, spec: TaskSpec, noise: float) -> PolicySource:
     for name in each:
         if name not in (known := checkpoint_free_policies()):
             raise UnknownNameError("registered policy, as sides take them", name, known)
-    seats = [
-        PolicySource(label=side, name=name, noise=noise if takes_noise(name, spec) else 0.0)
-        for side, name in zip(sides, each, strict=True)
-    ]
-    first = seats[0].model_copy(update={"label": "-vs-".join(each)})
-    return first.model_copy(update={"opponents": tuple(seats[1:])})
+    first, *others = (_registered(*pair, spec, noise) for pair in zip(sides, each, strict=True))
+    return first.model_copy(update={"label": "-vs-".join(each), "opponents": tuple(others)})
+
+
+def _registered(label: str, name: str, spec: TaskSpec, noise: float) -> PolicySource:
+    return PolicySource(label=label, name=name, noise=noise if takes_noise(name, spec) else 0.0)
 
 
 def takes_noise(name: str, spec: TaskSpec) -> bool:
@@ -156,10 +155,7 @@ def _copies(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[B
 
 
 def _exact_copy(policy: Policy, spec: TaskSpec, path: Path) -> float | None:
-    """Writes a policy for exact inference, and returns the largest change of an action.
-
-    None: it cannot be run exactly, or rounding changes it too much.
-    """
+    """Writes a policy for exact inference: the largest change of an action, None if too large."""
     from swarmdata.online_algos.runs.export_policy import (  # noqa: PLC0415  (torch is an extra)
         action_error,
         can_be_exact,

@@ -1,7 +1,4 @@
-"""Where the seeds of a training are trained: here, or in groups that are jobs of an engine.
-
-Each group is a run in a folder of its own, `OUT/seeds-...`.
-"""
+"""Where the seeds of a training are trained: here, or in groups that are jobs of an engine."""
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
@@ -18,8 +15,7 @@ from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.output_folder import check_marked
 
-Group = tuple[int, ...]
-"""Seeds that are trained together."""
+Group = tuple[int, ...]  # seeds that are trained together
 
 
 class Training(Protocol):
@@ -40,8 +36,9 @@ def train_in_groups(
 ) -> list[Policy] | None:
     """Trains; returns the policies if this process has trained them offline.
 
-    `entry` is the "module:function" that returns the handler of a job, which gets the training as
-    JSON, `seeds` and `folder`. `part` is as `train` takes it.
+    Each group is a run in a folder of its own, `OUT/seeds-...`. `entry` is the "module:function"
+    that returns the handler of a job, which gets the training as JSON, `seeds` and `folder`.
+    `part` is as `train` takes it.
 
     Raises:
         OutputError: a folder has files and holds no run.

@@ -40,19 +40,13 @@ from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.rules import RewardChoice
 from swarmdata.specs.task_spec import TaskSpec
 
-CURVE_EPISODES = 64
-"""Validation episodes of each point of a learning curve."""
-
-DEFAULT_SEEDS = 5
-"""Seeds of a training on data, as many as the leaderboard asks for."""
-
-DEFAULT_ONLINE_SEEDS = 4
-"""Seeds of a training in a task."""
+CURVE_EPISODES = 64  # validation episodes of each point of a learning curve
+DEFAULT_SEEDS = 5  # seeds of a training on data, as many as the leaderboard asks for
+DEFAULT_ONLINE_SEEDS = 4  # seeds of a training in a task
 
 TRAINER = f"{__name__}:seed_trainer"
 
-Model = str | dict[str, Any] | None
-"""A model of `Source`, as JSON."""
+Model = str | dict[str, Any] | None  # a model of `Source`, as JSON
 
 
 class OfflineTraining(Frozen):
@@ -80,10 +74,7 @@ class OfflineTraining(Frozen):
 
     def data(self, *, progress: bool) -> Dataset | Mixture:
         """Opens what is trained on, as it is seen and rewarded."""
-        view = {
-            name: getattr(self, name)
-            for name in ("observation", "communication", "rewards", "side")
-        }
+        view = self.model_dump(include={"observation", "communication", "rewards", "side"})
         return open_data(self.dataset_id, self.weights, {**view, "progress": progress})
 
     def length(self, seeds: Group, *, progress: bool) -> int:

@@ -1,6 +1,5 @@
 """The policies of offline and online run folders, with their provenance, for any task."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -69,8 +68,34 @@ class Trained(NamedTuple):
         return [load_policy(path) for path in self.files]
 
     def fitted(self, offered: TaskSpec, advice: str) -> tuple[Policy, ...]:
-        """Loads the policies for another spec, as `fit_policies` does; `advice` as of `task`."""
-        return fit_policies(str(self.folder), self.policies(), self.task(advice), offered)
+        """Loads the policies, one per seed, for another spec than that of their training.
+
+        Policies over sets act with other numbers of robots and slots; all others need those of
+        their training. `advice` is as of `task`.
+
+        Raises:
+            PolicyFitError: the robots, their number, the features or the actions do not fit.
+            SpecError: the vector that the policies' frame turns with is not observed.
+        """
+        policies, trained = self.policies(), self.task(advice)
+        if offered == trained:
+            return tuple(policies)
+        _check_robots(self.folder, trained, offered)
+        known, seen = (features_of(make_task(spec)) for spec in (trained, offered))
+        fitted: list[Policy] = []
+        for policy in policies:
+            if isinstance(policy, SetPolicy) and trained.action_size == offered.action_size:
+                fitted.append(policy.fitted(seen, offered.robots))
+                continue
+            if trained.n_agents != offered.n_agents and not isinstance(policy, SetPolicy):
+                raise PolicyFitError(
+                    f"{self.folder} was trained with {trained.n_agents} robots and cannot act with "
+                    f"{offered.n_agents}: its network sees the robot's number. Evaluate it with "
+                    f"{trained.n_agents} robots, or train with --set policy_network=deep_sets."
+                )
+            check_senses(str(self.folder), trained, offered, known, seen)
+            fitted.append(policy)
+        return tuple(fitted)
 
 
 def read_trained(folder: Path) -> Trained:
@@ -93,22 +118,20 @@ def read_trained(folder: Path) -> Trained:
                 f"{each} and {folders[0]} are of different trainings, expected runs of one that "
                 "differ in their seeds only. Evaluate them separately."
             )
-    name = folder.resolve().name
-    found = tuple(
-        _provenance(seed, runs[seed.folder], name).model_copy(update={"index": index})
-        for index, seed in enumerate(seeds_of([folder]))
-    )
+    seeds, name = seeds_of([folder]), folder.resolve().name
+    found = tuple(_provenance(k, seed, runs[seed.folder], name) for k, seed in enumerate(seeds))
     content = first.model_dump(mode="json")
     files = list(folders)
     if isinstance(first, OnlineRun):
-        files = [last_policy_path(*seed) for seed in seeds_of([folder])]
+        files = [last_policy_path(*seed) for seed in seeds]
     own = content["own_spec"] or content["spec"]
     return Trained(found, content["spec"], own, files, folder)
 
 
-def _provenance(seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenance:
+def _provenance(index: int, seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenance:
     """The provenance of the newest policy of a seed; of an offline run, as of its checkpoint."""
     shared = {
+        "index": index,
         "algorithm": run.algorithm,
         "config": run.model_dump(mode="json")["config"],
         "seed": seed.seed,
@@ -127,45 +150,17 @@ def _provenance(seed: Seed, run: OfflineRun | OnlineRun, name: str) -> Provenanc
     )
 
 
-def fit_policies(
-    name: str, policies: Sequence[Policy], trained: TaskSpec, offered: TaskSpec
-) -> tuple[Policy, ...]:
-    """Returns the policies of a run, one per seed, for another spec than that of their training.
-
-    Policies over sets act with other numbers of robots and slots; all others need those of their
-    training.
-
-    Raises:
-        PolicyFitError: the robots, their number, the features or the actions do not fit.
-        SpecError: the vector that the policies' frame turns with is not observed.
-    """
-    if offered == trained:
-        return tuple(policies)
-    drives = [
-        sorted({f"{robot.dynamics} with {robot.command} commands" for robot in spec.robots})
+def _check_robots(run: Path, trained: TaskSpec, offered: TaskSpec) -> None:
+    """Refuses robots for which actions would mean something else."""
+    known, new = (
+        " and ".join(sorted({f"{r.dynamics} with {r.command} commands" for r in spec.robots}))
         for spec in (trained, offered)
-    ]
-    if drives[0] != drives[1]:  # actions would mean something else
+    )
+    if known != new:
         raise PolicyFitError(
-            f"{name} was trained on robots that are {' and '.join(drives[0])}, and cannot drive "
-            f"robots that are {' and '.join(drives[1])}. Evaluate it in a task with robots as in "
-            "its training."
+            f"{run} was trained on robots that are {known}, and cannot drive robots that are {new}."
+            " Evaluate it in a task with robots as in its training."
         )
-    known, seen = (features_of(make_task(spec)) for spec in (trained, offered))
-    fitted: list[Policy] = []
-    for policy in policies:
-        if isinstance(policy, SetPolicy) and trained.action_size == offered.action_size:
-            fitted.append(policy.fitted(seen, offered.robots))
-            continue
-        if trained.n_agents != offered.n_agents and not isinstance(policy, SetPolicy):
-            raise PolicyFitError(
-                f"{name} was trained with {trained.n_agents} robots and cannot act with "
-                f"{offered.n_agents}: its network sees the robot's number. Evaluate it with "
-                f"{trained.n_agents} robots, or train with --set policy_network=deep_sets."
-            )
-        check_senses(name, trained, offered, known, seen)
-        fitted.append(policy)
-    return tuple(fitted)
 
 
 def label_of(name: str, dataset: str) -> str:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from swarmdata.evaluation.results.aggregates import returns_and_collisions
+from swarmdata.evaluation.results.aggregates import collisions_and_returns
 from swarmdata.evaluation.results.estimate_table import Table
 from swarmdata.evaluation.results.result_set import group_results
 from swarmdata.evaluation.results.result_tables import (
@@ -76,7 +76,7 @@ def test_every_interval_stays_in_the_range_of_its_quantity(key: str) -> None:
     assert least <= low <= value <= high <= most
     if key == "robot_collisions":
         assert mean_interval(case.metric("bc", key)).low < 0.0 == low
-        assert returns_and_collisions(case)[0].collisions.low == 0.0
+        assert collisions_and_returns(case)["bc"][0].low == 0.0
 
 
 def test_the_data_come_first_without_an_interval() -> None:

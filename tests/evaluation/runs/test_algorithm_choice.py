@@ -17,7 +17,6 @@ from swarmdata.evaluation.runs.algorithm_choice import (
     STATISTICS,
     THRESHOLDS,
     EpisodeStatistics,
-    Threshold,
     choose_algorithm,
     choose_for,
 )
@@ -210,25 +209,6 @@ def test_pages_quote_these_regrets() -> None:
     assert f"at worst {max(dataset):.0f}, on" in claims
     assert f"alone is {np.mean(clones):.0f} below, at worst {max(clones):.0f}." in claims
     assert f"`auto` is {np.mean(task):.0f} below, at worst {max(task):.0f}, on" in claims
-
-
-def test_thresholds_are_in_the_widest_gaps_that_lose_nothing() -> None:
-    def row(common: float, success: float, shift: float, best: str) -> Row:
-        scores = {name: 50.0 + 40 * (name == best) for name in CANDIDATES}
-        return Row("x-y", scores, EpisodeStatistics(common, success, shift))
-
-    rows = [
-        row(0.2, 0.3, 0.4, "iql"),
-        row(0.1, 0.9, 0.1, "bc"),
-        row(0.3, 1.0, 0.5, "filtered_bc"),
-        row(0.8, 0.2, 0.6, "filtered_bc"),
-    ]
-    assert fit(rows) == {
-        "best_success": Threshold(0.3, 0.9),
-        "best_shift": Threshold(0.1, 0.5),  # the first and the last dataset are not asked
-        "common_reward": Threshold(0.2, 0.8),  # nor the others
-    }
-    assert rounded(Threshold(0.4184, 0.6917)) == Threshold(0.42, 0.69)
 
 
 def test_without_differences_of_returns_everything_is_cloned(tiny: Path) -> None:
