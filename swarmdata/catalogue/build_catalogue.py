@@ -40,17 +40,11 @@ from swarmdata.registry.components import make_env
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.output_folder import check_output, filled
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.model_choice import (
-    Source,
-    check_messages,
-    chosen_models,
-    with_models,
-)
+from swarmdata.specs.model_choice import Source, check_messages, chosen_models, with_models
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import Spec
 
-DEFAULT_EPISODES = 1000
-"""Episodes shown of a dataset, unless another number is asked for."""
+DEFAULT_EPISODES = 1000  # episodes shown of a dataset, unless another number is asked for
 
 
 @dataclass(frozen=True)

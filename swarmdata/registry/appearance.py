@@ -50,5 +50,4 @@ class Appearance:
     moments: tuple[Moment, ...] = ()  # events beside contacts; at most `MOST_MOMENTS`
 
 
-MOST_MOMENTS = 7
-"""Kinds of moments that fit into an event's code in the data files of a catalogue."""
+MOST_MOMENTS = 7  # kinds of moments that fit into an event's code in the data files of a catalogue

@@ -10,8 +10,7 @@ from swarmdata.specs.task_spec import TaskSpec
 
 _FOLDER = files("swarmdata") / "envs" / "presets"  # read, and nothing of `envs` is imported
 
-SPEC_SUFFIXES = (".yaml", ".yml", ".json")
-"""Endings of a spec's file."""
+SPEC_SUFFIXES = (".yaml", ".yml", ".json")  # endings of a spec's file
 
 
 @cache

@@ -171,8 +171,7 @@ def _intervals(table: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     }
 
 
-PACKAGE_LICENSE = "cc-by-4.0"
-"""Of the datasets that the package publishes, whose recipes name none."""
+PACKAGE_LICENSE = "cc-by-4.0"  # of the datasets that the package publishes, whose recipes name none
 
 
 def license_of(origin: "Origin") -> str:

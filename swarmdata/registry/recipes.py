@@ -26,8 +26,7 @@ from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
-FAMILY_SPECS = LazyTable(FAMILIES, preset)
-"""The specs of the presets that have datasets, by name."""
+FAMILY_SPECS = LazyTable(FAMILIES, preset)  # the specs of the presets that have datasets, by name
 
 
 class Checkpoint(Frozen):

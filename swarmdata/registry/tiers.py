@@ -43,8 +43,7 @@ policies record their data; other teams than experts hardly ever succeed there."
 CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
 """Presets that have datasets of scripted teams with conventions; these teams are their experts."""
 
-FAMILIES = (*LEARNED_FAMILIES, *STRICT_FAMILIES, *CONVENTION_FAMILIES)
-"""Presets that have datasets."""
+FAMILIES = (*LEARNED_FAMILIES, *STRICT_FAMILIES, *CONVENTION_FAMILIES)  # presets that have datasets
 
 ACTION_NOISE_STD = 0.1
 """Standard deviation of the action noise of learned policies; actions are in [-1, 1]."""

@@ -6,13 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.errors import (
-    AddressError,
-    ChecksumError,
-    ConflictError,
-    HubError,
-    VersionTakenError,
-)
+from swarmdata.errors import AddressError, ChecksumError, ConflictError, HubError, VersionTakenError
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release, Remote

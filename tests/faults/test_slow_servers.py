@@ -137,8 +137,7 @@ def test_a_slow_hub_is_left(
         HubRemote("hf://org", backoff=backoff).read(release, "recipe.json", tmp_path / "x", 10**6)
 
 
-START_SECONDS = 300
-"""For a command to ask a server on a busy machine."""
+START_SECONDS = 300  # for a command to ask a server on a busy machine
 
 
 def interrupted(server: FaultyServer, *arguments: str) -> tuple[int | None, str]:

@@ -31,8 +31,7 @@ from swarmdata.registry.tiers import (
 )
 from swarmdata.specs.recipe import PolicySource, Recipe
 
-FRAMES = {0: 1_000_000, 1: 3_000_000}
-"""Joint steps of two runs to their mediums."""
+FRAMES = {0: 1_000_000, 1: 3_000_000}  # joint steps of two runs to their mediums
 
 
 def checkpoint(tier: str, k: int, **changes: Any) -> Checkpoint:

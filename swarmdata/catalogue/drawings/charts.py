@@ -27,14 +27,11 @@ LINES_TOP, TICKS_WIDTH, LABELS_WIDTH, LEAST_HEIGHT, LABEL_HEIGHT = 28.0, 52.0, 1
 
 RIGHT = WIDTH - LABELS_WIDTH
 
-MOST_BANDS = 8
-"""Lines up to which bands are drawn: more would hide each other."""
+MOST_BANDS = 8  # lines up to which bands are drawn: more would hide each other
 
-N_COLORS = 6
-"""Colors of agents, `--series-0` and so on in the style sheet."""
+N_COLORS = 6  # colors of agents, `--series-0` and so on in the style sheet
 
-N_DASHES = 3
-"""Kinds of dashes, of lines of one color."""
+N_DASHES = 3  # kinds of dashes, of lines of one color
 
 MOST_TICKS = 7
 

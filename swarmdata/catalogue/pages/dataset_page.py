@@ -39,8 +39,7 @@ COLUMNS = {
 }
 """Columns of the table of episodes: key and head."""
 
-MOST_BASELINES = 12
-"""Results on a dataset's page; the results page has all."""
+MOST_BASELINES = 12  # results on a dataset's page; the results page has all
 
 TABLE_SCRIPTS = ("core.js", "data.js", "histograms.js", "episode_table.js")
 VIEWER_SCRIPTS = (*TABLE_SCRIPTS, "link.js", "player.js", "viewer.js")

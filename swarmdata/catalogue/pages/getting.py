@@ -15,11 +15,9 @@ from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import Spec
 
-DIGITS = 12
-"""Of a digest in print."""
+DIGITS = 12  # of a digest in print
 
-MOST_NAMES = 4
-"""Policies that are named; the card has all."""
+MOST_NAMES = 4  # policies that are named; the card has all
 
 
 def get_part(entry: Entry, spec: Spec) -> Html:

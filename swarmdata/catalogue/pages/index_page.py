@@ -76,8 +76,7 @@ SORTS = {
 }
 """Orders: attribute of the cards, from high to low but for names, and label."""
 
-LARGE_GAP = 50.0
-"""Points of clean success from which robots need each other."""
+LARGE_GAP = 50.0  # points of clean success from which robots need each other
 
 NEEDS = {
     "large": f"large (gap {LARGE_GAP:.0f} or more)",
@@ -85,8 +84,7 @@ NEEDS = {
     "unknown": "not measured",
 }
 
-Sizes = Sequence[Entry]
-"""A dataset in its sizes, the full one first."""
+Sizes = Sequence[Entry]  # a dataset in its sizes, the full one first
 
 
 def index_page(entries: Sequence[Entry], pictures: Mapping[str, Html]) -> Page:
@@ -224,8 +222,7 @@ def _size_link(entry: Entry) -> Html:
 
 
 NUMBERS = ("robots", "solved (%)", "clean (%)", "score", "gap", "collisions")
-HEADS = ("dataset", "task", "tier", *NUMBERS, "messages", "source", "size")
-"""Columns of the table."""
+HEADS = ("dataset", "task", "tier", *NUMBERS, "messages", "source", "size")  # columns of the table
 
 
 def _table(found: Sequence[Sizes]) -> Html:

@@ -5,12 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.catalogue.boards import Board, Row
-from swarmdata.catalogue.drawings.charts import (
-    Axis,
-    axis_drawing,
-    interval_drawing,
-    score_axis,
-)
+from swarmdata.catalogue.drawings.charts import Axis, axis_drawing, interval_drawing, score_axis
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.catalogue.pages.figures_shown import interval, score
 from swarmdata.catalogue.result_sources import Outcome, ZooDifference
@@ -27,17 +22,14 @@ QUANTITIES = (
 )
 """Columns: key, head, factor to the shown unit, decimals."""
 
-UNKNOWN_SERIES = 6
-"""The gray of lines whose family is not known."""
+UNKNOWN_SERIES = 6  # the gray of lines whose family is not known
 
-RANKS = ("score", "return")
-"""Columns by one of which a table is ranked; the other says the same."""
+RANKS = ("score", "return")  # columns by one of which a table is ranked; the other says the same
 
 LOW_IS_BETTER = frozenset({"robot_collisions", "obstacle_collisions"})
 """Columns of which the best is the lowest."""
 
-LEAST_SCORE = -50.0
-"""Scores below are arrows: a team that only collides would squeeze all others."""
+LEAST_SCORE = -50.0  # scores below are arrows: a team that only collides would squeeze all others
 
 UNDEFINED = Estimate(math.nan, math.nan, math.nan)
 

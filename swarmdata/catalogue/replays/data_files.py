@@ -23,8 +23,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, Episode, Int
 
-CHUNK_VALUES = 100_000
-"""Numbers in a chunk, at least those of one episode."""
+CHUNK_VALUES = 100_000  # numbers in a chunk, at least those of one episode
 
 
 def choose_episodes(table: EpisodeTable, most: int | None) -> Int:

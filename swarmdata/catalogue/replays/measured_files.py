@@ -21,8 +21,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.types import Double, Episode, Int
 
-MAX_CODE = 30_000
-"""Of a number of 16 bits."""
+MAX_CODE = 30_000  # of a number of 16 bits
 
 MAX_RETURN_ERROR = 1e-3
 """Between a measured return and that of its replay, which is only shown within it."""

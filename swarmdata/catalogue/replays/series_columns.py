@@ -20,8 +20,7 @@ MOST_LINES = 12
 """Columns of an array that are drawn for each agent; the page says how many there are."""
 
 N_LEVELS = 1000
-UNDEFINED = -1
-"""Code of a value that is not finite."""
+UNDEFINED = -1  # code of a value that is not finite
 
 IMAGE_SIDE = 48  # pixels, of the longer side
 IMAGE_FRAMES = 40  # of an episode

@@ -44,8 +44,7 @@ from swarmdata.store.damage import Damage, find_damage
 from swarmdata.store.recognition import is_dataset, no_dataset, root_attributes
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MADE_AGAIN = "made again from the recipe"
-"""The source of a file that was rebuilt, in words."""
+MADE_AGAIN = "made again from the recipe"  # the source of a file that was rebuilt, in words
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ from swarmdata.store.manifest import is_finished
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MINI_MARK = "-mini-v"
-"""In the ids of minis."""
+MINI_MARK = "-mini-v"  # in the ids of minis
 
 
 @dataclass(frozen=True)

@@ -36,8 +36,7 @@ REMOTES = ComponentTable(
 )
 """Kinds of remotes by the scheme of their addresses."""
 
-_IP_LITERAL = re.compile(r"^\[[0-9A-Fa-f:.]+\]")
-"""An address of IPv6 in place of a host's name."""
+_IP_LITERAL = re.compile(r"^\[[0-9A-Fa-f:.]+\]")  # an address of IPv6 in place of a host's name
 
 _HUB_NAME = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9._-]*[A-Za-z0-9_])?")
 

@@ -25,11 +25,9 @@ from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, FileEntry, Manifest, read_manifest
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-N_WORKERS = 4
-"""Files fetched at a time."""
+N_WORKERS = 4  # files fetched at a time
 
-BAR_SECONDS = 0.5
-"""Seconds between two looks at how much has arrived."""
+BAR_SECONDS = 0.5  # seconds between two looks at how much has arrived
 
 Refusal = Callable[[Manifest], str | None]
 """Why a dataset of this manifest is not wanted, None if it is."""

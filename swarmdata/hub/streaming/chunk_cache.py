@@ -7,11 +7,9 @@ from typing import Any
 
 from swarmdata.runtime.atomic import TEMPORARY_PREFIX, write_file
 
-SUFFIX = ".chunk"
-"""Of the files of chunks."""
+SUFFIX = ".chunk"  # of the files of chunks
 
-SCANS = 16
-"""How often all files are looked at while as many bytes are written as the bound allows."""
+SCANS = 16  # how often all files are looked at while as many bytes are written as the bound allows
 
 
 class ChunkCache:

@@ -23,11 +23,9 @@ from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Int
 
-BLOCK_STEPS = 10_000
-"""Joint steps of a block, about those of a chunk."""
+BLOCK_STEPS = 10_000  # joint steps of a block, about those of a chunk
 
-N_FETCHERS = 4
-"""Arrays of a block that are fetched at a time."""
+N_FETCHERS = 4  # arrays of a block that are fetched at a time
 
 
 @dataclass(frozen=True, eq=False)

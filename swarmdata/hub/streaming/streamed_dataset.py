@@ -26,8 +26,7 @@ from swarmdata.store.arrays.running_moments import Moments as RunningMoments
 from swarmdata.store.stored_dataset import check_listing, check_spec, read_origin, read_table
 from swarmdata.types import Double, Int, shortened
 
-STREAMS = "streams"
-"""Folder of chunks in the cache."""
+STREAMS = "streams"  # folder of chunks in the cache
 
 N_MEASURED_BLOCKS = 16
 """Blocks on which the observations of other sensors are measured to normalize them."""

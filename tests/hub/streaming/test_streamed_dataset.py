@@ -29,8 +29,7 @@ from tests.support.tiny import flip
 
 ID = "coop_nav-synthetic-v0"
 OTHER_ID = "coop_nav-other-v0"
-LENGTHS = [[30, 10, 70, 40, 20, 55, 5, 60, 25, 35, 80, 15, 45, 50, 65]]
-"""605 joint steps."""
+LENGTHS = [[30, 10, 70, 40, 20, 55, 5, 60, 25, 35, 80, 15, 45, 50, 65]]  # 605 joint steps
 WEIGHTS = [3, 1]
 
 

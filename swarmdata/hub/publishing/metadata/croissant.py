@@ -12,10 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.hub.publishing.metadata.episode_parquet import (
-    EPISODE_COLUMNS,
-    EPISODES_FILE,
-)
+from swarmdata.hub.publishing.metadata.episode_parquet import EPISODE_COLUMNS, EPISODES_FILE
 from swarmdata.registry.published import license_of
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST

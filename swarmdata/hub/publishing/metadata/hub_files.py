@@ -29,14 +29,11 @@ SIZE_CATEGORIES = (
 )
 """The Hub's size categories, by joint steps below."""
 
-README_FILE = "README.md"
-"""What the Hub shows of a repository."""
+README_FILE = "README.md"  # what the Hub shows of a repository
 
-_DTYPES = {"double": "float64"}
-"""Names of `datasets` for types of Arrow, where they differ."""
+_DTYPES = {"double": "float64"}  # names of `datasets` for types of Arrow, where they differ
 
-EPISODES_CONFIG = "episodes"
-"""Name of the configuration that the Hub's viewer shows."""
+EPISODES_CONFIG = "episodes"  # name of the configuration that the Hub's viewer shows
 
 
 def metadata_files(folder: Path) -> dict[str, bytes]:

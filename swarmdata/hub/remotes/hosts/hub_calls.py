@@ -27,13 +27,11 @@ from swarmdata.store.arrays.shards import file_digest
 T = TypeVar("T")
 
 REPOSITORY_TYPE = "dataset"
-"""Of repository."""
 
 TIMEOUT_SECONDS = 30.0
 """Seconds without an answer before asking counts as failed; the client would wait for ever."""
 
-HUB_TAG = "swarmdata"
-"""In the front matter of every card, so that a Hub can list our datasets."""
+HUB_TAG = "swarmdata"  # in the front matter of every card, so that a Hub can list our datasets
 
 
 @dataclass(frozen=True)

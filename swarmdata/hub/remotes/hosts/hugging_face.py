@@ -18,8 +18,7 @@ from swarmdata.store.arrays.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MAIN_BRANCH = "main"
-"""The branch of the newest push."""
+MAIN_BRANCH = "main"  # the branch of the newest push
 
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _VERSION = re.compile(r"v[0-9]+")

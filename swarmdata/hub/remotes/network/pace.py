@@ -110,8 +110,7 @@ class Meter:
 
 T = TypeVar("T")
 
-GRACE_SECONDS = 1.0
-"""Seconds in which threads may end by themselves."""
+GRACE_SECONDS = 1.0  # seconds in which threads may end by themselves
 
 
 def _called(call: Callable[[], T]) -> Future[T]:
