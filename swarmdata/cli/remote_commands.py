@@ -15,16 +15,11 @@ RemoteAddress = Annotated[
 ]
 
 remote_app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help="Show and configure the remotes of datasets.",
+    no_args_is_help=True, rich_markup_mode=None, help="Show and configure the remotes of datasets."
 )
 
 
-def push(
-    dataset: IdOrPath,
-    address: RemoteAddress,
-) -> None:
+def push(dataset: IdOrPath, address: RemoteAddress) -> None:
     """Publish a dataset on a remote, after all checks.
 
     The upload is atomic: other users see the whole dataset or nothing of it.
