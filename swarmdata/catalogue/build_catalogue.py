@@ -127,10 +127,7 @@ def build_catalogue(
 def _compared(
     entries: Sequence[Entry], verified: Sequence[ResultSource], *, all_committed: bool
 ) -> tuple[list[ResultSource], list[ResultSource]]:
-    """The committed results that are shown, and the verified entries compared with the zoo.
-
-    Either all are shown, or those on some datasets, and beside minis those on the full ones.
-    """
+    """The committed results that are shown, and the verified entries compared with the zoo."""
     shown = {entry.id for entry in entries}
     entered = {outcome.dataset for source in verified for outcome in source.outcomes}
     committed = committed_sources(None if all_committed else shown | entered)
@@ -183,11 +180,7 @@ def _write_episodes(
 
 
 def _write_page(
-    site: Path,
-    one: _Shown,
-    entries: Sequence[Entry],
-    results: Sequence[Board],
-    failures: Failures,
+    site: Path, one: _Shown, entries: Sequence[Entry], results: Sequence[Board], failures: Failures
 ) -> bool:
     """Writes the page of a dataset, and says whether that went well."""
     with failures.item(one.entry.id):

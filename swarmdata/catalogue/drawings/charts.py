@@ -1,8 +1,4 @@
-"""Charts as SVG: estimates with intervals, lines with bands, and the rewards of an episode.
-
-Pages need no library for them, and their colors are those of the style sheet, so that charts are
-dark where the page is; the figures of reports and studies are matplotlib's.
-"""
+"""Charts as SVG, in the colors of the style sheet: estimates, lines with bands, rewards."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,6 @@
 """The data files of a dataset: a sample of its episodes in a table, and chunks to replay them.
 
-Each file is a script that calls a function of `assets/data.js`. Episodes are in chunks of about a
-hundred kilobytes, so that a page loads at once and a replay in a moment.
+Each file is a script that calls a function of `assets/data.js`.
 """
 
 import json

@@ -1,8 +1,6 @@
 """The data files of a result: every measured episode of its runs, and replays of a few of them.
 
-A result file keeps metrics and seeds, not positions. Where the run that was measured is at hand,
-its policies play some of the episodes again; those that do not end as they were measured are left
-out. Where it is not, as for committed studies, the table is all there is.
+Episodes are played again where the measured run is at hand, and shown if they end as measured.
 """
 
 from collections.abc import Callable, Sequence

@@ -1,8 +1,6 @@
 """The numbers with which the catalogue plots an episode of another library's environment.
 
-Its arrays over time are drawn as lines: rewards, actions and the first columns of observations,
-each rounded to a thousandth of its range over the episodes shown. Observations that are images are
-shown as images, shrunk, of a few episodes.
+Rewards, actions and observations are lines, rounded to a thousandth of their range, or images.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,6 @@
 """The numbers with which the catalogue replays an episode of our worlds, as integers.
 
-Columns that change with time have a row for each state; what belongs to a step is in the row of the
-state that it led to. Lengths are rounded to millimetres (coarser in arenas wider than 30 m), which
-no screen shows. Radio links are those of the recording; links whose message was lost are found by
-observing the episode again over a channel without losses.
+Columns that change with time have a row for each state; a step is in that of the state after it.
 """
 
 from typing import Any, NamedTuple
