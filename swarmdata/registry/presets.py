@@ -31,11 +31,7 @@ def preset(name: str) -> TaskSpec:
 
 @cache
 def preset_summary(name: str) -> str:
-    """The first comment in a preset's file, which describes it; empty if there is none.
-
-    Raises:
-        UnknownNameError: with the nearest known name.
-    """
+    """The first comment in a preset's file, which describes it; empty if there is none."""
     lines = _read(name).splitlines()
     return next((line.lstrip("# ").rstrip() for line in lines if line.startswith("#")), "")
 

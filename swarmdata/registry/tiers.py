@@ -1,9 +1,6 @@
 """The tiers of the shipped datasets and the presets that have them, without specs and networks.
 
-`<preset>-<tier>` has a million joint steps; `<preset>-<tier>-mini` has its first 5 %, the same
-episodes. The learned tiers mix independently trained checkpoints, with action noise. A tier is
-absent where a preset has no checkpoints for it. Presets with conventions have a tier of their own:
-scripted teams, half of which follow one convention and half the other.
+`<preset>-<tier>` has a million joint steps; `<preset>-<tier>-mini` has its first 5 % of episodes.
 """
 
 import json

@@ -270,11 +270,7 @@ def test_a_push_that_is_cut_off_at_every_request(
 
 @pytest.mark.parametrize(
     ("at", "is_committed"),
-    [
-        pytest.param("preupload", 0, marks=pytest.mark.slow),
-        ("commit", 0),
-        ("tag", 1),
-    ],
+    [pytest.param("preupload", 0, marks=pytest.mark.slow), ("commit", 0), ("tag", 1)],
 )
 def test_a_push_that_is_cut_off(
     dataset: Path, hub: LoopbackHub, at: str, is_committed: int

@@ -1,7 +1,7 @@
 """Pulling a dataset: manifest first, every file checked on the way in, visible at once or never."""
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,8 @@ from swarmdata.errors import (
     DatasetError,
     FormatVersionError,
     HubError,
+    SchemaError,
+    SpecError,
     SwarmdataError,
 )
 from swarmdata.hub.remotes.interface import Release, Remote
@@ -42,6 +44,7 @@ def pull(
     folder: Path,
     *,
     refuse: Refusal = lambda manifest: None,
+    check: Callable[[Path], None] = lambda folder: None,
     progress: bool = True,
 ) -> Path:
     """Fetches a release into a new folder and returns the folder; a folder that has it is left.
@@ -53,6 +56,8 @@ def pull(
     folder appears in one rename, when all of them are on the disk. Kill the process at any time and
     call again: finished files are kept. Where another process pulls to the same folder, this one
     waits for it.
+
+    `check` is called with the whole dataset before it appears, and raises where it is not to.
 
     Raises:
         ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
@@ -83,16 +88,12 @@ def pull(
                 disable=not progress,
             ) as bar:
                 _fetch_all(remote, release, manifest, scratch, bar)
-            _publish(manifest, scratch, whole)
+            _publish(manifest, scratch, whole, check)
     return folder
 
 
 def refuse_current_folder(folder: Path) -> None:
-    """A dataset appears in one rename, which cannot replace the current folder of a process.
-
-    Raises:
-        DatasetError: it is the current folder, and no dataset yet.
-    """
+    """A dataset appears in one rename, which cannot replace the current folder of a process."""
     whole = folder.resolve()
     if whole == Path.cwd() and beside(whole) != whole and not (whole / MANIFEST).exists():
         raise DatasetError(
@@ -170,18 +171,9 @@ def _incoming_manifest(
 
 
 def fetch_manifest(remote: Remote, release: Release, folder: Path, refuse: Refusal) -> Manifest:
-    """Fetches the manifest to a folder and checks it, also with the caller's `refuse`.
-
-    Raises:
-        ChecksumError: `refuse` has a reason against it, or the remote gave wrong bytes, twice.
-        FormatVersionError: a newer format.
-        HubError: it could not be fetched, or lists what it must not.
-    """
+    """Fetches the manifest to a folder and checks it, also with the caller's `refuse`."""
     manifest = _read_manifest(remote, release, folder)
-    problems = contradictions(manifest)
-    if manifest.id != release.id:
-        problems = (f"it is the manifest of {manifest.id}", *problems)
-    if problems:
+    if problems := contradictions(manifest, release.id):
         raise HubError(
             f"the manifest of {release.address} is refused: {'; '.join(problems)}. "
             "Pull from another remote, and tell whoever publishes there."
@@ -231,8 +223,9 @@ def _check_same(folder: Path, incoming: Path) -> None:
 
 
 def _check_space(manifest: Manifest, scratch: Path, release: Release) -> None:
-    sizes: Mapping[str, int] = {name: entry.size for name, entry in manifest.files.items()}
-    needed = sum(size for name, size in sizes.items() if not (scratch / name).exists())
+    needed = sum(
+        entry.size for name, entry in manifest.files.items() if not (scratch / name).exists()
+    )
     free = shutil.disk_usage(scratch).free
     if needed > free:
         raise DatasetError(
@@ -263,7 +256,9 @@ def _fetch_all(
     run_all([partial(fetch, name) for name in order], N_WORKERS, show, BAR_SECONDS)
 
 
-def _publish(manifest: Manifest, scratch: Path, folder: Path) -> None:
+def _publish(
+    manifest: Manifest, scratch: Path, folder: Path, check: Callable[[Path], None]
+) -> None:
     """Makes the finished folder visible in one rename, with everything on the disk before."""
     shutil.copyfile(scratch / _INCOMING / MANIFEST, scratch / MANIFEST)
     expected = {scratch / name for name in (*manifest.files, MANIFEST)}
@@ -273,6 +268,11 @@ def _publish(manifest: Manifest, scratch: Path, folder: Path) -> None:
                 path.rmdir()
         elif path not in expected:
             path.unlink()  # the waiting manifest, and what broken attempts left
+    try:
+        check(scratch)
+    except (DatasetError, SchemaError, SpecError):  # which another attempt would not change
+        remove_scratch(scratch)
+        raise
     sync_tree(scratch)
     put_in_place(scratch, folder, MANIFEST)
     sync(folder.parent)

@@ -153,11 +153,6 @@ def open_stream(
     """Opens a release without fetching it.
 
     Manifest, recipe and episode table are fetched and checked as those of a pulled dataset are.
-
-    Raises:
-        ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
-        HubError: the remote gives only whole files, could not be asked, or gave what it must not.
-        DatasetError: its parts contradict each other.
     """
     if not isinstance(remote, RangeReader):
         raise HubError(

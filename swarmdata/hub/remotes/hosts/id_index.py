@@ -17,11 +17,7 @@ def index_bytes(ids: tuple[str, ...]) -> bytes:
 
 
 def read_index(content: bytes, address: str) -> tuple[str, ...]:
-    """Returns the ids, sorted.
-
-    Raises:
-        HubError: it is not such a list, or one of the names is not an id.
-    """
+    """Returns the ids, sorted."""
     try:
         data = parse_json(content, INDEX_FILE)
     except SpecError as error:

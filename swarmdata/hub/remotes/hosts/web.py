@@ -30,11 +30,7 @@ class WebRemote:
     """Datasets that a web server gives as plain files, such as a published `file://` folder."""
 
     def __init__(
-        self,
-        address: str,
-        *,
-        backoff: Backoff | None = None,
-        pace: Pace | None = None,
+        self, address: str, *, backoff: Backoff | None = None, pace: Pace | None = None
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()
