@@ -16,7 +16,7 @@ from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.store import read_manifest
 from swarmdata.store.scratch import scratch_folder
-from tests.hub.remotes.conftest import ID, NEXT, is_pulled
+from tests.hub.remotes.conftest import ARRAY, ID, NAME, NEXT, is_pulled
 from tests.hub.remotes.faults import Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub, Repository
 from tests.hub.remotes.static_host import StaticHost
@@ -24,8 +24,6 @@ from tests.support.pairs import slow
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
-NAME = "org/coop_nav-synthetic"
-ARRAY = "data.zarr/observations/c.0.0.0"
 Served = tuple[FaultyServer, Remote, Release]
 
 

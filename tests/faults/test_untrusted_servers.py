@@ -20,7 +20,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, NEXT, is_pulled
+from tests.hub.remotes.conftest import ID, NAME, NEXT, is_pulled
 from tests.hub.remotes.faults import Fault, FaultyHandler
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
@@ -28,8 +28,6 @@ from tests.support.pairs import slow
 from tests.support.tiny import TINY, Shelf
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
-
-NAME = "org/coop_nav-synthetic"
 
 
 @pytest.mark.usefixtures("one_process")

@@ -265,16 +265,6 @@ def test_chunks_are_kept_and_checked_again(
     assert sum("observations" in line for line in host.log) == 1
 
 
-@pytest.mark.slow
-def test_the_cache_is_bounded(host: StaticHost, whole: Dataset, cache_folder: Path) -> None:
-    bound = 40_000
-    sampler, expected = stream(host, window=100, cache_bytes=bound).sampler(64), whole.sampler(64)
-    assert_same(next(sampler), next(expected))
-    kept = sum(path.stat().st_size for path in cache_folder.rglob("*.chunk"))
-    largest = 16 * 2 * 15 * 4
-    assert bound / 2 < kept <= bound + episode_blocks.N_FETCHERS * largest  # threads write at once
-
-
 def test_recorded_states_are_observed_again_block_by_block(tiny: Path, tmp_path: Path) -> None:
     models = "lidar-8+noise-0.05", "lossy-30+range-1.5"
     whole = Dataset.open(tiny).reobserve(*models, progress=False)
