@@ -112,12 +112,8 @@ def find_entries(
 ) -> list[Entry]:
     """Returns the entries of a catalogue, in the order of their ids.
 
-    Args:
-        names: ids, addresses or folders whose episodes are shown; they are fetched or built where
-            they are absent. Without any, those in the cache.
-        failures: of the batch; gets the datasets that cannot be opened.
-        workers: processes that build.
-        with_published: whether to add the published datasets whose episodes are not shown.
+    `names` are ids, addresses or folders whose episodes are shown, without any those in the cache;
+    `with_published` adds the other published datasets. What cannot be opened is in `failures`.
     """
     opened = []
     cached = (cache_folder() / "datasets").glob("*/manifest.json")

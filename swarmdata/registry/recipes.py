@@ -114,9 +114,7 @@ def _mix(groups: Sequence[Sequence[PolicySource]]) -> tuple[PolicySource, ...]:
 def part_size(spec: TaskSpec, policies: Sequence[PolicySource], n_steps: int) -> int:
     """Returns the number of episodes in a part, a power of two from 4 to 256.
 
-    It is at most half of the episodes that the policy with the least share needs if they are as
-    long as the horizon: smaller parts waste less at the end, larger ones fill the copies of a
-    world.
+    It is at most half of the episodes that the policy with the least share needs at full length.
     """
     least = min(policy.share for policy in policies) / sum(policy.share for policy in policies)
     wanted = int(n_steps * least / (2 * spec.horizon))

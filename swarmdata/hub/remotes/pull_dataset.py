@@ -49,13 +49,10 @@ def pull(
 ) -> Path:
     """Fetches a release into a new folder and returns the folder; a folder that has it is left.
 
-    Only what the manifest lists is fetched. The card and the references are in no digest, so they
-    are taken from nobody: `cards.side_files.finish` writes them from the other files.
-
-    Files are collected and checked beside the folder, in `scratch_folder(folder, "pull")`; the
-    folder appears in one rename, when all of them are on the disk. Kill the process at any time and
-    call again: finished files are kept. Where another process pulls to the same folder, this one
-    waits for it.
+    Only what the manifest lists is fetched; card and references, which are in no digest, are taken
+    from nobody. Files are collected and checked beside the folder, in `scratch_folder(folder,
+    "pull")`, and the folder appears in one rename. Kill the process at any time and call again:
+    finished files are kept. Where another process pulls to the same folder, this one waits for it.
 
     `check` is called with the whole dataset before it appears, and raises where it is not to.
 

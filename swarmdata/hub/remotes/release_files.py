@@ -91,19 +91,11 @@ def push(
 ) -> Release:
     """Publishes a finished dataset and returns where it is.
 
-    A published version never changes. After an interruption, push again: nothing was visible, and
-    what the remote has received already is not sent twice where it can tell.
-
-    Args:
-        folder: the dataset's.
-        remote: where to.
-        gate: returns the reasons against publishing, none if it may be.
-        beside: writes more files to publish with it, of the dataset in the first folder into the
-            second; see `Remote.publish`.
+    `gate` returns the reasons against it. `beside` writes more files to publish with the dataset in
+    the first folder into the second.
 
     Raises:
         GateError: there are reasons; the message lists all of them.
-        DatasetError: the manifest cannot be read.
         HubError: as `Remote.publish` says.
     """
     reasons = tuple(gate(folder))

@@ -171,14 +171,8 @@ class HubCalls:
     ) -> str:
         """Sends large files, then makes one commit that adds `files` and deletes `stale`.
 
-        Args:
-            repository: with its organization.
-            parent: commit that `main` must still be at.
-            message: of the commit.
-            files: local files by their path in the repository.
-            stale: paths to delete.
-            settled: asked after a failure or a conflict; returns the commit if it was made after
-                all, None if `main` is unchanged, and raises if someone else made one.
+        `main` must still be at `parent`. After a failure, `settled` returns the commit if it was
+        made after all, None if `main` is unchanged, and raises if someone else made one.
         """
         from huggingface_hub import CommitOperationAdd, CommitOperationDelete  # noqa: PLC0415
 
