@@ -26,7 +26,7 @@ def push(dataset: IdOrPath, address: RemoteAddress) -> None:
     """
     from swarmdata.hub.catalog.catalog import find_folder
     from swarmdata.hub.catalog.repair import find_blockers
-    from swarmdata.hub.publishing.metadata import write_beside
+    from swarmdata.hub.publishing.metadata.hub_files import write_beside
     from swarmdata.hub.remotes.addresses import open_remote
     from swarmdata.hub.remotes.release_files import push as push_to
 

@@ -93,7 +93,7 @@ def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *,
             element("td", row.outcome.family),
             _source(row),
             data_group=row.group,
-            data_text=" ".join(_searched(row)).lower(),
+            data_text=_searched(row),
         )
         for row in rows
     ]
@@ -155,12 +155,11 @@ def _head(name: str, *, is_low: bool = False) -> Html:
 
 def _label(outcome: Outcome, root: str) -> Html:
     """The name of an outcome, which leads to its runs and episodes."""
-    note = f" rewards {outcome.rewards}" if outcome.rewards else ""
+    note = element("small", f" rewards {outcome.rewards}") if outcome.rewards else ""
     name: Html | str = words_of(outcome.label)
     if outcome.key:
         name = element("a", name, href=f"{root}results/{outcome.key}.html")
-    inside = [name, *([element("small", note)] if note else [])]
-    return element("th", *inside, scope="row", title=outcome.label)
+    return element("th", name, note, scope="row", title=outcome.label)
 
 
 def _number(text: str, value: object) -> Html:
@@ -174,9 +173,9 @@ def _estimate(outcome: Outcome, name: str, _: str, factor: float, decimals: int)
     return element("td", text, class_="n", data_value=f"{value:.8g}")
 
 
-def _searched(row: Row) -> tuple[str, ...]:
+def _searched(row: Row) -> str:
     label = row.outcome.label
-    return label, words_of(label), row.outcome.family, row.source.title
+    return f"{label} {words_of(label)} {row.outcome.family} {row.source.title}".lower()
 
 
 def _source(row: Row) -> Html:
