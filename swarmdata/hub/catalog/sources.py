@@ -37,7 +37,7 @@ from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.registry.recipes import shipped_recipes
-from swarmdata.runtime.atomic import is_vacant, sync
+from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.outside_names import is_id
 from swarmdata.specs.origins.edit_origin import Edit
@@ -237,7 +237,10 @@ def obtain_release(remote: Remote, release: Release, folder: Path, progress: boo
     """Fetches a release to a folder, where it is not there yet, and returns the folder."""
     refuse_current_folder(folder)
     with locked(folder, progress):  # no other process may build or repair it meanwhile
-        _arrive(remote, release, folder, refusal(), progress)
+        if not is_vacant(folder):  # it is compared, and not changed
+            pull(remote, release, folder, refuse=refusal(), progress=progress)
+        else:
+            _arrive(remote, release, folder, refusal(), progress)
     return folder
 
 
@@ -264,21 +267,28 @@ def skip(address: str, what: str, error: SwarmdataError) -> None:
 def _arrive(
     remote: Remote, release: Release, folder: Path, refuse: Refusal, progress: bool
 ) -> None:
-    """Pulls a release; every byte and what it is are checked before it is in its place."""
+    """Pulls a release beside its place, checks every byte and what it is, and renames it."""
     from swarmdata.cards.side_files import finish  # noqa: PLC0415  (all of cards)
 
-    def check(arrived: Path) -> None:
-        try:
-            open_store(arrived, "full", widths=True)
-            finish(arrived)
-        except DatasetError as error:
-            problem = without_hint(str(error), arrived).replace(str(arrived), release.address)
-            raise type(error)(
-                f"{release.address} is no usable dataset: {problem}. Nothing of it is kept. Tell "
-                "whoever publishes there."
-            ) from error
-
-    pull(remote, release, folder, refuse=refuse, check=check, progress=progress)
+    arriving = scratch_folder(folder, "arriving")
+    remove_scratch(arriving)  # of a process that was killed before it had checked it
+    pull(remote, release, arriving, refuse=refuse, progress=progress)
+    try:
+        open_store(arriving, "full", widths=True)
+        finish(arriving)
+    except DatasetError as error:
+        remove_scratch(arriving)
+        problem = without_hint(str(error), arriving).replace(str(arriving), release.address)
+        raise type(error)(
+            f"{release.address} is no usable dataset: {problem}. Nothing of it is kept. Tell "
+            "whoever publishes there."
+        ) from error
+    except BaseException:
+        remove_scratch(arriving)
+        raise
+    put_in_place(arriving, folder.resolve(), MANIFEST)  # where a link leads, if it is one
+    sync(arriving.parent)
+    remove_scratch(arriving)  # at a mount point, an empty folder is left of it
 
 
 def _newest(name: str, ids: Iterable[str]) -> str | None:

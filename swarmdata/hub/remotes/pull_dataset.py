@@ -13,8 +13,6 @@ from swarmdata.errors import (
     DatasetError,
     FormatVersionError,
     HubError,
-    SchemaError,
-    SpecError,
     SwarmdataError,
 )
 from swarmdata.hub.remotes.interface import Release, Remote
@@ -44,7 +42,6 @@ def pull(
     folder: Path,
     *,
     refuse: Refusal = lambda manifest: None,
-    check: Callable[[Path], None] = lambda folder: None,
     progress: bool = True,
 ) -> Path:
     """Fetches a release into a new folder and returns the folder; a folder that has it is left.
@@ -53,8 +50,6 @@ def pull(
     from nobody. Files are collected and checked beside the folder, in `scratch_folder(folder,
     "pull")`, and the folder appears in one rename. Kill the process at any time and call again:
     finished files are kept. Where another process pulls to the same folder, this one waits for it.
-
-    `check` is called with the whole dataset before it appears, and raises where it is not to.
 
     Raises:
         ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
@@ -85,7 +80,7 @@ def pull(
                 disable=not progress,
             ) as bar:
                 _fetch_all(remote, release, manifest, scratch, bar)
-            _publish(manifest, scratch, whole, check)
+            _publish(manifest, scratch, whole)
     return folder
 
 
@@ -253,9 +248,7 @@ def _fetch_all(
     run_all([partial(fetch, name) for name in order], N_WORKERS, show, BAR_SECONDS)
 
 
-def _publish(
-    manifest: Manifest, scratch: Path, folder: Path, check: Callable[[Path], None]
-) -> None:
+def _publish(manifest: Manifest, scratch: Path, folder: Path) -> None:
     """Makes the finished folder visible in one rename, with everything on the disk before."""
     shutil.copyfile(scratch / _INCOMING / MANIFEST, scratch / MANIFEST)
     expected = {scratch / name for name in (*manifest.files, MANIFEST)}
@@ -265,11 +258,6 @@ def _publish(
                 path.rmdir()
         elif path not in expected:
             path.unlink()  # the waiting manifest, and what broken attempts left
-    try:
-        check(scratch)
-    except (DatasetError, SchemaError, SpecError):  # which another attempt would not change
-        remove_scratch(scratch)
-        raise
     sync_tree(scratch)
     put_in_place(scratch, folder, MANIFEST)
     sync(folder.parent)

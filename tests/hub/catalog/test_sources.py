@@ -166,7 +166,7 @@ def test_where_every_remote_is_skipped_it_is_rebuilt(
 
 def test_what_a_killed_fetch_left_is_of_no_consequence(tmp_path: Path, tiny: Path) -> None:
     shelf = Shelf(tmp_path / "shelf", tiny)
-    arriving = Path(shutil.copytree(tiny, scratch_folder(tmp_path / "d", "pull")))
+    arriving = Path(shutil.copytree(tiny, scratch_folder(tmp_path / "d", "arriving")))
     flip(arriving / "recipe.json", 30)
     build_folder(tmp_path / "d").mkdir()
     found = fetch(request_of_recipe(TINY, tmp_path / "d"), shelf)
