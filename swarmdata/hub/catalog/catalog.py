@@ -131,14 +131,7 @@ def load(
         HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
     """
-    is_one = isinstance(dataset_id, str | Path)
-    if is_one and weights is not None:
-        raise SpecError(
-            f"weights are {list(weights)} with the one dataset {str(dataset_id)!r}, expected a "
-            "list of datasets to mix with them"
-        )
-    if path is not None and not is_one:
-        raise SpecError("path is of one dataset, got it with a list of datasets; leave it out")
+    _check_number(dataset_id, weights, path)
     shared: dict[str, Any] = {
         "observation": observation, "communication": communication, "progress": progress,
     }  # fmt: skip
@@ -160,6 +153,18 @@ def load(
     from swarmdata.datasets.mixture import mix  # noqa: PLC0415  (most calls mix nothing)
 
     return mix([open_one(each) for each in dataset_id], weights)
+
+
+def _check_number(dataset_id: object, weights: Sequence[float] | None, path: object) -> None:
+    """Refuses what is of several datasets for one, and the other way round."""
+    is_one = isinstance(dataset_id, str | Path)
+    if is_one and weights is not None:
+        raise SpecError(
+            f"weights are {list(weights)} with the one dataset {str(dataset_id)!r}, expected a "
+            "list of datasets to mix with them"
+        )
+    if path is not None and not is_one:
+        raise SpecError("path is of one dataset, got it with a list of datasets; leave it out")
 
 
 def _open(
