@@ -5,9 +5,9 @@ from collections.abc import Iterator, Mapping
 from importlib import import_module
 from typing import Any
 
+from docs.site.ablations import ABLATIONS
 from docs.site.docstrings import field_notes, markdown_of, summary_of
 from swarmdata.drawing.markdown import table
-from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 
 

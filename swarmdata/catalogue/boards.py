@@ -63,10 +63,7 @@ def boards(sources: Sequence[ResultSource]) -> list[Board]:
 
 
 def _board(dataset: str, found: Sequence[tuple[ResultSource, Outcome]]) -> Board:
-    """The committed study with the most algorithms at one budget gives the first group.
-
-    One's own algorithms are in it too, at any budget, so that they compare with it.
-    """
+    """The committed study with the most algorithms at one budget gives the first group."""
     plain = [(s, o) for s, o in found if _is_algorithm(o) and not s.is_own]
     counts = Counter((source.place, outcome.updates) for source, outcome in plain)
     main = min(counts, key=lambda key: (-counts[key], key)) if counts else ("", "")

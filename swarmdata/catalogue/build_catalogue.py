@@ -40,17 +40,11 @@ from swarmdata.registry.components import make_env
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.output_folder import check_output, filled
 from swarmdata.specs.communication_names import communication_model
-from swarmdata.specs.model_choice import (
-    Source,
-    check_messages,
-    chosen_models,
-    with_models,
-)
+from swarmdata.specs.model_choice import Source, check_messages, chosen_models, with_models
 from swarmdata.specs.observation_names import observation_model
 from swarmdata.specs.origins import Spec
 
-DEFAULT_EPISODES = 1000
-"""Episodes shown of a dataset, unless another number is asked for."""
+DEFAULT_EPISODES = 1000  # episodes shown of a dataset, unless another number is asked for
 
 
 @dataclass(frozen=True)
@@ -133,10 +127,7 @@ def build_catalogue(
 def _compared(
     entries: Sequence[Entry], verified: Sequence[ResultSource], *, all_committed: bool
 ) -> tuple[list[ResultSource], list[ResultSource]]:
-    """The committed results that are shown, and the verified entries compared with the zoo.
-
-    Either all are shown, or those on some datasets, and beside minis those on the full ones.
-    """
+    """The committed results that are shown, and the verified entries compared with the zoo."""
     shown = {entry.id for entry in entries}
     entered = {outcome.dataset for source in verified for outcome in source.outcomes}
     committed = committed_sources(None if all_committed else shown | entered)
@@ -189,11 +180,7 @@ def _write_episodes(
 
 
 def _write_page(
-    site: Path,
-    one: _Shown,
-    entries: Sequence[Entry],
-    results: Sequence[Board],
-    failures: Failures,
+    site: Path, one: _Shown, entries: Sequence[Entry], results: Sequence[Board], failures: Failures
 ) -> bool:
     """Writes the page of a dataset, and says whether that went well."""
     with failures.item(one.entry.id):

@@ -1,8 +1,4 @@
-"""Entries of the catalogue: what is shown of each dataset, with its files or without.
-
-A published dataset whose files are not at hand is shown by its published figures and card; a
-dataset that was named, or is in the cache, also has its episodes.
-"""
+"""Entries of the catalogue: what is shown of each dataset, of its files or as published."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -15,17 +11,11 @@ from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.errors import MissingFileError, SpecError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.listing import list_datasets
-from swarmdata.registry.published import (
-    Interval,
-    license_of,
-    normalized_score,
-    published,
-    references_of,
-)
+from swarmdata.registry.published import Interval, normalized_score, published, references_of
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.cache_folder import cache_folder
-from swarmdata.specs.origins import Spec
+from swarmdata.specs.origins import Origin, Spec
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import figures_of
@@ -45,22 +35,30 @@ class Entry:
     """One dataset of the catalogue; figures that are not known are None."""
 
     id: str  # also the name of its page and of its data folder
-    tier: str
-    spec: Spec
-    kind: Kind
+    origin: Origin  # what it was made from
     n_steps: int
     n_episodes: int | None
     n_bytes: int | None
-    mean_return: float | None
     success: float | None
     clean_success: float | None
     score: float | None
     collisions: tuple[float, float] | None  # with robots and with obstacles, per episode
-    policies: tuple[str, ...]
-    license: str
     digest: str | None
     card: str | None  # Markdown
     dataset: Dataset | None  # None: its episodes are not shown
+
+    @property
+    def spec(self) -> Spec:
+        """What the episodes are of."""
+        return self.origin.spec
+
+    @property
+    def kind(self) -> Kind:
+        """Where the episodes are from."""
+        if self.origin.kind == "logs":
+            return "robot logs"
+        is_ours = self.spec.world is not None and self.origin.kind != "recording"
+        return "simulated" if is_ours else "other environment"
 
     @property
     def is_mini(self) -> bool:
@@ -114,15 +112,8 @@ def find_entries(
 ) -> list[Entry]:
     """Returns the entries of a catalogue, in the order of their ids.
 
-    Args:
-        names: ids, addresses or folders whose episodes are shown; they are fetched or built where
-            they are absent. Without any, those in the cache.
-        failures: of the batch; gets the datasets that cannot be opened.
-        workers: processes that build.
-        with_published: whether to add the published datasets whose episodes are not shown.
-
-    Raises:
-        SpecError: two of the names are different datasets with the same id.
+    `names` are ids, addresses or folders whose episodes are shown, without any those in the cache;
+    `with_published` adds the other published datasets. What cannot be opened is in `failures`.
     """
     opened = []
     cached = (cache_folder() / "datasets").glob("*/manifest.json")
@@ -154,13 +145,11 @@ def published_minis() -> list[str]:
 
 
 def _of_dataset(dataset: Dataset) -> Entry:
-    manifest, spec = dataset.stored.manifest, dataset.recipe.spec
-    figures = figures_of(dataset.episodes)
-    references, table, is_world = dataset.references, dataset.episodes, spec.world is not None
-    score = None
+    manifest, table, references = dataset.stored.manifest, dataset.episodes, dataset.references
+    figures, is_world = figures_of(table), dataset.recipe.spec.world is not None
+    score, collisions = None, None
     if references is not None:
         score = float(normalized_score(figures.mean_return, references))
-    collisions = None
     if is_world:
         counts = table.robot_collisions, table.obstacle_collisions
         collisions = float(counts[0].mean()), float(counts[1].mean())
@@ -171,30 +160,18 @@ def _of_dataset(dataset: Dataset) -> Entry:
     tells_success = is_world or figures.success > 0
     return Entry(
         id=dataset.id,
-        tier=dataset.recipe.tier,
-        spec=spec,
-        kind=_kind_of(dataset),
+        origin=dataset.recipe,
         n_steps=manifest.n_steps,
         n_episodes=manifest.n_episodes,
         n_bytes=sum(file.size for file in manifest.files.values()),
-        mean_return=figures.mean_return,
         success=figures.success if tells_success else None,
         clean_success=figures.clean_success if is_world else None,
         score=score,
         collisions=collisions,
-        policies=tuple(policy.label for policy in dataset.recipe.policies),
-        license=license_of(dataset.recipe),
         digest=dataset.digest,
         card=card,
         dataset=dataset,
     )
-
-
-def _kind_of(dataset: Dataset) -> Kind:
-    if dataset.recipe.kind == "logs":
-        return "robot logs"
-    is_ours = dataset.recipe.spec.world is not None and dataset.recipe.kind != "recording"
-    return "simulated" if is_ours else "other environment"
 
 
 def _of_published(dataset_id: str, n_steps: int, score: float | None) -> Entry:
@@ -203,19 +180,14 @@ def _of_published(dataset_id: str, n_steps: int, score: float | None) -> Entry:
     card = file.read_text(encoding="utf-8") if file.is_file() else None
     return Entry(
         id=dataset_id,
-        tier=recipe.tier,
-        spec=recipe.spec,
-        kind="simulated",
+        origin=recipe,
         n_steps=n_steps,
         n_episodes=figures.n_episodes if figures else None,
         n_bytes=figures.n_bytes if figures else None,
-        mean_return=figures.mean_return if figures else None,
         success=figures.success if figures else None,
         clean_success=figures.clean_success if figures else None,
         score=score,
         collisions=None if card is None else collisions_on(card),
-        policies=tuple(policy.label for policy in recipe.policies),
-        license=license_of(recipe),
         digest=figures.digest if figures else None,
         card=card,
         dataset=None,

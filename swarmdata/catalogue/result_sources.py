@@ -1,8 +1,6 @@
 """Sources of results: studies, and result files of one's own, as the results page shows them.
 
-A study's folder has `estimates.csv`, as `swarmdata study` writes it, and may have learning curves
-(`curves.csv`), figures of its data (`data.csv`) and sweeps (`sweep.csv`). Studies on validation
-seeds chose settings, so their scores are no results and are left out.
+A study's folder has `estimates.csv`, and may have `curves.csv`, `data.csv` and `sweep.csv`.
 """
 
 import csv
@@ -148,12 +146,7 @@ def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource
 
 
 def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
-    """Verifies the entries in the folders of a folder, and reads the results of those that pass.
-
-    Raises:
-        DatasetNotFoundError: it has no entries.
-        MissingExtraError: PyTorch is not installed.
-    """
+    """Verifies the entries in the folders of a folder, and reads the results of those that pass."""
     require_extra("torch", "torch", "verifying entries")
     from swarmdata.evaluation.leaderboard.entry import ENTRY, RESULTS  # noqa: PLC0415  (torch)
     from swarmdata.evaluation.leaderboard.verify import verify  # noqa: PLC0415  (torch)
@@ -357,11 +350,7 @@ def _sweeps(folder: Path) -> list[LineSet]:
 
 
 def _read(file: Path, names: Sequence[str]) -> Rows:
-    """Rows of a CSV file; none where it is absent or empty.
-
-    Raises:
-        SchemaError: it lacks one of the columns `names`.
-    """
+    """Rows of a CSV file; none where it is absent or empty."""
     text = file.read_text(encoding="utf-8") if file.is_file() else ""
     reader = csv.DictReader(io.StringIO(text))
     missing = [name for name in names if name not in (reader.fieldnames or ())]

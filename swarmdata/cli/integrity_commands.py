@@ -8,20 +8,19 @@ import typer
 from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import IdOrPath, Workers
 
-Replace = Annotated[
-    bool, typer.Option("--repair", help="fetch or rebuild the broken files, and no others")
-]
-Replay = Annotated[
-    int,
-    typer.Option(min=0, metavar="N", help="also simulate N episodes again and compare every bit"),
-]
-
 
 def verify(
     context: typer.Context,
     dataset: IdOrPath,
-    repair: Replace = False,
-    replay: Replay = 0,
+    repair: Annotated[
+        bool, typer.Option("--repair", help="fetch or rebuild the broken files, and no others")
+    ] = False,
+    replay: Annotated[
+        int,
+        typer.Option(
+            min=0, metavar="N", help="also simulate N episodes again and compare every bit"
+        ),
+    ] = 0,
     workers: Workers = None,
 ) -> None:
     """Compare every byte with the published digest.

@@ -289,7 +289,7 @@ def info(dataset: IdOrPath) -> None:
     recipe = find_recipe(dataset)
     entry = next(entry for entry in list_datasets() if entry.id == recipe.id)
     typer.echo(
-        f"folder: {dataset_folder(recipe)}{'' if entry.is_cached else ' (not in the cache)'}"
+        f"folder: {dataset_folder(recipe.id)}{'' if entry.is_cached else ' (not in the cache)'}"
     )
     typer.echo(f"published digest: {entry.digest or 'none'}")
     typer.echo(recipe.to_yaml(), nl=False)

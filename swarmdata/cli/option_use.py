@@ -12,11 +12,7 @@ def given(context: typer.Context, name: str) -> bool:
 
 
 def refuse(context: typer.Context, names: Collection[str], where: str) -> None:
-    """Refuses options that have no effect `where`, such as "with a recipe file", by Python names.
-
-    Raises:
-        typer.BadParameter: one of them was given.
-    """
+    """Refuses options, by their Python names, that have no effect `where`: "with --part"."""
     for parameter in context.command.params:
         if parameter.name in names and given(context, parameter.name):
             raise typer.BadParameter(
@@ -32,10 +28,6 @@ def refuse_all_but(context: typer.Context, names: Collection[str], where: str) -
 
 
 def refuse_workers(context: typer.Context, engine: str) -> None:
-    """Refuses `--workers` beside an engine that has workers of its own.
-
-    Raises:
-        typer.BadParameter: it was given.
-    """
+    """Refuses `--workers` beside an engine that has workers of its own."""
     if engine != "local":
         refuse(context, ("workers",), f"with --engine {engine}, which has workers of its own")

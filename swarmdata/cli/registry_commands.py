@@ -9,16 +9,8 @@ import typer
 from swarmdata.cli.option_use import refuse_workers
 from swarmdata.cli.shared_options import Engine, Workers
 
-Ids = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--id", metavar="ID", help="dataset id, such as coop_nav-medium-mini; may be repeated"
-    ),
-]
-Minis = Annotated[bool, typer.Option("--minis", help="only the minis, datasets of 5 %")]
 Cached = Annotated[
-    bool,
-    typer.Option("--cached", help="verify the datasets in the cache instead of building them"),
+    bool, typer.Option("--cached", help="verify the datasets in the cache instead of building them")
 ]
 
 registry_app = typer.Typer(
@@ -63,8 +55,13 @@ def list_command() -> None:
 @registry_app.command()
 def check(
     context: typer.Context,
-    ids: Ids = None,
-    minis: Minis = False,
+    ids: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--id", metavar="ID", help="dataset id, such as coop_nav-medium-mini; may be repeated"
+        ),
+    ] = None,
+    minis: Annotated[bool, typer.Option("--minis", help="only the minis, datasets of 5 %")] = False,
     cached: Cached = False,
     workers: Workers = None,
     engine: Engine = "local",

@@ -15,23 +15,18 @@ RemoteAddress = Annotated[
 ]
 
 remote_app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help="Show and configure the remotes of datasets.",
+    no_args_is_help=True, rich_markup_mode=None, help="Show and configure the remotes of datasets."
 )
 
 
-def push(
-    dataset: IdOrPath,
-    address: RemoteAddress,
-) -> None:
+def push(dataset: IdOrPath, address: RemoteAddress) -> None:
     """Publish a dataset on a remote, after all checks.
 
     The upload is atomic: other users see the whole dataset or nothing of it.
     """
     from swarmdata.hub.catalog.catalog import find_folder
     from swarmdata.hub.catalog.repair import find_blockers
-    from swarmdata.hub.publishing.metadata import write_beside
+    from swarmdata.hub.publishing.metadata.hub_files import write_beside
     from swarmdata.hub.remotes.addresses import open_remote
     from swarmdata.hub.remotes.release_files import push as push_to
 

@@ -31,21 +31,6 @@ if TYPE_CHECKING:
     from swarmdata.evaluation.results.result_files import Result
     from swarmdata.numerics.random import SeedBlock
 
-Collect = Annotated[
-    bool, typer.Option("--collect", help="print what finished results give, and evaluate none")
-]
-Budget = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="COST=LIMIT",
-        help="largest mean cost of an episode, such as robot_collisions=0.1; may be repeated",
-    ),
-]
-Label = Annotated[
-    str | None,
-    typer.Option(help="name of the targets in tables", show_default="the target's name"),
-]
-
 
 def evaluate(
     context: typer.Context,
@@ -59,7 +44,10 @@ def evaluate(
     episodes: Episodes = 1000,
     out: Annotated[Path | None, typer.Option(help="folder for result files")] = None,
     task: Task = None,
-    label: Label = None,
+    label: Annotated[
+        str | None,
+        typer.Option(help="name of the targets in tables", show_default="the target's name"),
+    ] = None,
     validation: Validation = False,
     again: Annotated[
         bool, typer.Option(help="evaluate again, even if --out has the result")
@@ -79,8 +67,16 @@ def evaluate(
     workers: Processes = 1,
     engine: Engine = "local",
     part: Part = None,
-    collect: Collect = False,
-    budget: Budget = None,
+    collect: Annotated[
+        bool, typer.Option("--collect", help="print what finished results give, and evaluate none")
+    ] = False,
+    budget: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="COST=LIMIT",
+            help="largest mean cost of an episode, such as robot_collisions=0.1; may be repeated",
+        ),
+    ] = None,
 ) -> None:
     """Evaluate policies on the reserved seeds and print tables.
 
@@ -123,12 +119,7 @@ def evaluate(
 
 
 def parse_budgets(texts: list[str] | None) -> dict[str, float]:
-    """Reads all `--budget` options.
-
-    Raises:
-        typer.BadParameter: one is not of the form COST=LIMIT, or its limit is not a number.
-        UnknownNameError: no such cost.
-    """
+    """Reads all `--budget` options."""
     from swarmdata.numerics.event_costs import COSTS
 
     budgets = {}

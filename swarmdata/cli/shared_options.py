@@ -93,11 +93,7 @@ def summary_of(made: "Dataset") -> str:
 
 
 def parse_ranges(texts: list[str] | None) -> dict[str, tuple[float, float]] | None:
-    """Reads `NAME=LOW..HIGH` of all `--randomize` options; `none` means no ranges, None no option.
-
-    Raises:
-        typer.BadParameter: a text is no range, or a name is given twice.
-    """
+    """Reads `NAME=LOW..HIGH` of all `--randomize` options; `none` means no ranges."""
     if not texts:
         return None
     ranges: dict[str, tuple[float, float]] = {}
@@ -129,11 +125,7 @@ def parse_settings(texts: list[str] | None, option: str = "--set") -> dict[str, 
 
 
 def parse_part(text: str) -> tuple[int, int]:
-    """Reads K and N of `--part K/N`.
-
-    Raises:
-        typer.BadParameter: it is not of this form, or K is not from 1 to N.
-    """
+    """Reads K and N of `--part K/N`."""
     part, slash, n_parts = text.partition("/")
     if not (slash and part.isdecimal() and n_parts.isdecimal() and 1 <= int(part) <= int(n_parts)):
         raise typer.BadParameter(

@@ -12,55 +12,47 @@ if TYPE_CHECKING:
     from swarmdata.evaluation.study.plan import Study
     from swarmdata.evaluation.study.run_study import StudyOptions
 
-Out = Annotated[
-    Path | None, typer.Option(help="folder for tables and figures; NAME, beside the plan")
-]
-
-
-Plan = Annotated[
-    Path,
-    typer.Argument(
-        metavar="STUDY.yaml|FOLDER",
-        help="plan of the study; or its folder, to write its pages again",
-    ),
-]
-Work = Annotated[Path | None, typer.Option(help="folder for runs; runs/study-NAME")]
-Processes = Annotated[int, typer.Option(min=1, help="number of processes, one thread each")]
-Only = Annotated[
-    str | None, typer.Option(metavar="PATTERN", help="run only matching cells, such as 'bc/*'")
-]
-Check = Annotated[
-    str | None, typer.Option(metavar="CELL", help="rerun a finished cell and compare results")
-]
-Listing = Annotated[bool, typer.Option("--cells", help="list the cells, and which are done")]
-AsJson = Annotated[bool, typer.Option("--json", help="with --cells: a line of JSON for each")]
-OneCell = Annotated[
-    str | None, typer.Option(metavar="CELL", help="run this cell here; for schedulers")
-]
-Collect = Annotated[
-    bool, typer.Option("--collect", help="write the pages of finished cells, and run none")
-]
-Shifts = Annotated[
-    bool,
-    typer.Option("--shifts", help="only evaluate finished cells in the plan's other conditions"),
-]
-
 
 def study(
     context: typer.Context,
-    file: Plan,
-    out: Out = None,
-    work: Work = None,
-    workers: Processes = 2,
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="STUDY.yaml|FOLDER",
+            help="plan of the study; or its folder, to write its pages again",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="folder for tables and figures; NAME, beside the plan")
+    ] = None,
+    work: Annotated[Path | None, typer.Option(help="folder for runs; runs/study-NAME")] = None,
+    workers: Annotated[int, typer.Option(min=1, help="number of processes, one thread each")] = 2,
     engine: Engine = "local",
-    only: Only = None,
+    only: Annotated[
+        str | None, typer.Option(metavar="PATTERN", help="run only matching cells, such as 'bc/*'")
+    ] = None,
     again: Annotated[bool, typer.Option(help="rerun cells of another configuration")] = False,
-    check: Check = None,
-    cells: Listing = False,
-    json: AsJson = False,
-    cell: OneCell = None,
-    collect: Collect = False,
-    shifts: Shifts = False,
+    check: Annotated[
+        str | None, typer.Option(metavar="CELL", help="rerun a finished cell and compare results")
+    ] = None,
+    cells: Annotated[
+        bool, typer.Option("--cells", help="list the cells, and which are done")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="with --cells: a line of JSON for each")
+    ] = False,
+    cell: Annotated[
+        str | None, typer.Option(metavar="CELL", help="run this cell here; for schedulers")
+    ] = None,
+    collect: Annotated[
+        bool, typer.Option("--collect", help="write the pages of finished cells, and run none")
+    ] = False,
+    shifts: Annotated[
+        bool,
+        typer.Option(
+            "--shifts", help="only evaluate finished cells in the plan's other conditions"
+        ),
+    ] = False,
 ) -> None:
     """Run a grid of algorithms, datasets and seeds.
 

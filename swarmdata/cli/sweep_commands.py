@@ -24,36 +24,6 @@ if TYPE_CHECKING:
 
 _AXIS = "NAME=A..B|A,B,..."
 
-Communications = Annotated[
-    list[str] | None,
-    typer.Option(metavar=_AXIS, help="such as drop=0..0.8 or bandwidth=3,2,1; may be repeated"),
-]
-Observations = Annotated[
-    list[str] | None,
-    typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; may be repeated"),
-]
-Bodies = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar=_AXIS, help="such as max_speed=0.6..0.3 or payload_mass=4,8; may be repeated"
-    ),
-]
-Simulator = Annotated[
-    str | None,
-    typer.Option(
-        metavar="NAME", help="compare with this simulator instead: mujoco, kinematic or pymunk"
-    ),
-]
-Values = Annotated[int, typer.Option(min=2, help="number of values from A to B, both included")]
-Listing = Annotated[bool, typer.Option("--points", help="list the points, and which are done")]
-AsJson = Annotated[bool, typer.Option("--json", help="with --points: a line of JSON for each")]
-OnePoint = Annotated[
-    str | None, typer.Option(metavar="POINT", help="evaluate this point here; for schedulers")
-]
-Collect = Annotated[
-    bool, typer.Option("--collect", help="write what finished points give, and evaluate none")
-]
-
 
 def sweep(
     context: typer.Context,
@@ -64,11 +34,29 @@ def sweep(
         ),
     ],
     out: Annotated[Path, typer.Option(help="folder for results, tables and figures")],
-    communication: Communications = None,
-    observation: Observations = None,
-    body: Bodies = None,
-    simulator: Simulator = None,
-    values: Values = 5,
+    communication: Annotated[
+        list[str] | None,
+        typer.Option(metavar=_AXIS, help="such as drop=0..0.8 or bandwidth=3,2,1; may be repeated"),
+    ] = None,
+    observation: Annotated[
+        list[str] | None,
+        typer.Option(metavar=_AXIS, help="such as noise=0..0.2 or range=2..0.5; may be repeated"),
+    ] = None,
+    body: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar=_AXIS, help="such as max_speed=0.6..0.3 or payload_mass=4,8; may be repeated"
+        ),
+    ] = None,
+    simulator: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="compare with this simulator instead: mujoco, kinematic or pymunk"
+        ),
+    ] = None,
+    values: Annotated[
+        int, typer.Option(min=2, help="number of values from A to B, both included")
+    ] = 5,
     episodes: Episodes = 200,
     validation: Validation = False,
     task: Task = None,
@@ -76,10 +64,18 @@ def sweep(
     randomize: Randomize = None,
     workers: Processes = 1,
     engine: Engine = "local",
-    points: Listing = False,
-    json: AsJson = False,
-    point: OnePoint = None,
-    collect: Collect = False,
+    points: Annotated[
+        bool, typer.Option("--points", help="list the points, and which are done")
+    ] = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="with --points: a line of JSON for each")
+    ] = False,
+    point: Annotated[
+        str | None, typer.Option(metavar="POINT", help="evaluate this point here; for schedulers")
+    ] = None,
+    collect: Annotated[
+        bool, typer.Option("--collect", help="write what finished points give, and evaluate none")
+    ] = False,
 ) -> None:
     """Evaluate policies with worse sensors, radios and robots.
 

@@ -68,9 +68,7 @@ def validate(name: NameOrFile) -> None:
 
 
 @task_app.command(hidden=True)  # for maintainers
-def table(
-    out: Annotated[Path, typer.Option(help="folder to write the pages to")],
-) -> None:
+def table(out: Annotated[Path, typer.Option(help="folder to write the pages to")]) -> None:
     """Write the pages of reference results in all presets (docs/worlds)."""
     from swarmdata.cards.worlds_page import worlds_pages
     from swarmdata.registry.published import references

@@ -37,9 +37,6 @@ def _algorithm(known: str, other: str, use: str, also: str = "") -> Any:
 
 
 OFFLINE = ("OFFLINE_ALGORITHMS", "ONLINE_ALGORITHMS", "train-online {} TASK")
-Offline = Annotated[str, _algorithm(*OFFLINE)]
-OfflineOrAuto = Annotated[str, _algorithm(*OFFLINE, also=", or auto")]
-Online = Annotated[str, _algorithm("ONLINE_ALGORITHMS", "OFFLINE_ALGORITHMS", "train {} ID")]
 Out = Annotated[
     Path | None, typer.Option(help="run folder", show_default="runs/ALGORITHM-DATA or -TASK")
 ]
@@ -49,7 +46,7 @@ Config = Annotated[str | None, typer.Option(help="settings: a shipped file's nam
 
 def train(
     context: typer.Context,
-    algorithm: OfflineOrAuto,
+    algorithm: Annotated[str, _algorithm(*OFFLINE, also=", or auto")],
     data: Annotated[
         str, typer.Argument(metavar="ID", help="dataset id or folder; ID=0.8,ID=0.2 mixes")
     ],
@@ -110,7 +107,7 @@ def train(
 
 def tune(
     context: typer.Context,
-    algorithm: Offline,
+    algorithm: Annotated[str, _algorithm(*OFFLINE)],
     data: Annotated[list[str], typer.Argument(metavar="ID...", help="dataset ids or folders")],
     out: Annotated[
         Path | None, typer.Option(help="folder of the result", show_default="runs/tune-ALGORITHM")
@@ -158,7 +155,7 @@ def tune(
 
 def train_online(
     context: typer.Context,
-    algorithm: Online,
+    algorithm: Annotated[str, _algorithm("ONLINE_ALGORITHMS", "OFFLINE_ALGORITHMS", "train {} ID")],
     task: Annotated[str, typer.Argument(metavar="TASK", help="preset or spec file")],
     out: Out = None,
     seeds: Seeds = 4,

@@ -1,8 +1,4 @@
-"""Appearance, what a task looks like in pictures, drawings and replays, as data.
-
-A task gives it by its static method `appearance(spec)`; what draws asks for it by
-`components.appearance_of`, which gives the default to tasks that have none.
-"""
+"""Appearance, what a task looks like in pictures, as its method `appearance(spec)` says."""
 
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -50,5 +46,4 @@ class Appearance:
     moments: tuple[Moment, ...] = ()  # events beside contacts; at most `MOST_MOMENTS`
 
 
-MOST_MOMENTS = 7
-"""Kinds of moments that fit into an event's code in the data files of a catalogue."""
+MOST_MOMENTS = 7  # kinds of moments that fit into an event's code in the data files of a catalogue

@@ -1,8 +1,6 @@
 """Names to code, as literal tables of "module:Name", imported only when asked for.
 
-Users add components of their own with the functions `register_...`, or with entry points of their
-distribution: the groups `swarmdata.tasks`, `swarmdata.policies`, `swarmdata.algorithms` (offline),
-`swarmdata.online_algorithms` and `swarmdata.remotes`.
+Users add their own with the functions `register_...`, or with entry points of the same groups.
 """
 
 from collections.abc import Callable, Mapping
@@ -178,12 +176,7 @@ def register_algorithm(name: str, algorithm: Any, *, online: bool = False) -> No
 
 
 def resolve(kind: str, table: Mapping[str, Any], name: str) -> Any:
-    """Imports what `table` names.
-
-    Raises:
-        UnknownNameError: with the nearest known name.
-        MissingExtraError: it needs torch.
-    """
+    """Imports what `table` names."""
     if name not in table:
         raise UnknownNameError(kind, name, table, INSTALL_HINT)
     try:
@@ -202,11 +195,7 @@ def make_task(spec: TaskSpec | Path | str) -> Task:
 
 
 def appearance_of(spec: TaskSpec) -> Appearance:
-    """How the task of a spec is drawn; the default where it does not say.
-
-    Raises:
-        UnknownNameError: no such task.
-    """
+    """How the task of a spec is drawn; the default where it does not say."""
     return _appearance(spec, resolve("task", TASKS, spec.task))
 
 
@@ -309,12 +298,7 @@ def make_env(
 
 
 def policy_class(name: str, spec: TaskSpec) -> Callable[..., Policy]:
-    """Returns the class of the named policy in the task that `spec` describes.
-
-    Raises:
-        UnknownNameError: with the nearest known name.
-        MissingExtraError: it needs torch.
-    """
+    """Returns the class of the named policy in the task that `spec` describes."""
     if name == "network":
         require_extra("torch", "torch", "running a network that is not run exactly")
     build: Callable[..., Policy] = resolve("policy", POLICIES, name)

@@ -10,8 +10,7 @@ from swarmdata.specs.task_spec import TaskSpec
 
 _FOLDER = files("swarmdata") / "envs" / "presets"  # read, and nothing of `envs` is imported
 
-SPEC_SUFFIXES = (".yaml", ".yml", ".json")
-"""Endings of a spec's file."""
+SPEC_SUFFIXES = (".yaml", ".yml", ".json")  # endings of a spec's file
 
 
 @cache
@@ -32,11 +31,7 @@ def preset(name: str) -> TaskSpec:
 
 @cache
 def preset_summary(name: str) -> str:
-    """The first comment in a preset's file, which describes it; empty if there is none.
-
-    Raises:
-        UnknownNameError: with the nearest known name.
-    """
+    """The first comment in a preset's file, which describes it; empty if there is none."""
     lines = _read(name).splitlines()
     return next((line.lstrip("# ").rstrip() for line in lines if line.startswith("#")), "")
 

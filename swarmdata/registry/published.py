@@ -59,9 +59,6 @@ def normalized_score(returns: Returns, reference: Reference) -> Returns:
     """Returns 100 (R - R0) / (R_expert - R0): 0 is no skill, 100 the expert.
 
     Same shape as `returns`; neither end is clipped.
-
-    Raises:
-        SchemaError: the expert is not better than no skill.
     """
     span = reference.expert - reference.no_skill
     if not span > 0:
@@ -171,8 +168,7 @@ def _intervals(table: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
     }
 
 
-PACKAGE_LICENSE = "cc-by-4.0"
-"""Of the datasets that the package publishes, whose recipes name none."""
+PACKAGE_LICENSE = "cc-by-4.0"  # of the datasets that the package publishes, whose recipes name none
 
 
 def license_of(origin: "Origin") -> str:

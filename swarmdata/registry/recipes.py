@@ -26,8 +26,7 @@ from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
-FAMILY_SPECS = LazyTable(FAMILIES, preset)
-"""The specs of the presets that have datasets, by name."""
+FAMILY_SPECS = LazyTable(FAMILIES, preset)  # the specs of the presets that have datasets, by name
 
 
 class Checkpoint(Frozen):
@@ -61,9 +60,6 @@ def sources(
         noise: standard deviation of the action noise of learned policies, and of teams with
             conventions; None for that of their training.
         default: standard deviation where the index does not record that of training.
-
-    Raises:
-        BuildError: the index has no medium of a replay's run.
     """
     if ingredient in ("random", "scripted"):
         return (PolicySource(label=ingredient, name=ingredient),)
@@ -103,11 +99,8 @@ def _weight(family: str, ingredient: str, checkpoint: Checkpoint) -> float:
 
 
 def _mix(groups: Sequence[Sequence[PolicySource]]) -> tuple[PolicySource, ...]:
-    """Gives every group the same share of the steps; shares within a group stay in proportion.
-
-    Equal shares become whole numbers, which are exact.
-    """
-    whole = math.lcm(*map(len, groups))
+    """Gives every group the same share of the steps; shares within a group stay in proportion."""
+    whole = math.lcm(*map(len, groups))  # so that equal shares are whole numbers, which are exact
     mixed = []
     for group in groups:
         total = math.fsum(source.share for source in group)
@@ -121,9 +114,7 @@ def _mix(groups: Sequence[Sequence[PolicySource]]) -> tuple[PolicySource, ...]:
 def part_size(spec: TaskSpec, policies: Sequence[PolicySource], n_steps: int) -> int:
     """Returns the number of episodes in a part, a power of two from 4 to 256.
 
-    It is at most half of the episodes that the policy with the least share needs if they are as
-    long as the horizon: smaller parts waste less at the end, larger ones fill the copies of a
-    world.
+    It is at most half of the episodes that the policy with the least share needs at full length.
     """
     least = min(policy.share for policy in policies) / sum(policy.share for policy in policies)
     wanted = int(n_steps * least / (2 * spec.horizon))
@@ -132,10 +123,7 @@ def part_size(spec: TaskSpec, policies: Sequence[PolicySource], n_steps: int) ->
 
 @cache
 def shipped_recipes() -> Mapping[str, Recipe]:
-    """Returns the shipped recipes by id, with version.
-
-    A recipe is made when it is first looked at.
-    """
+    """Returns the shipped recipes by id, with version; each is made when it is first looked at."""
     made_of = outlines()
     return LazyTable(made_of, lambda key: _recipe(key, made_of[key]))
 
@@ -158,11 +146,7 @@ def _recipe(dataset_id: str, outline: Outline) -> Recipe:
 
 @cache
 def find_recipe(dataset_id: str) -> Recipe:
-    """Returns the shipped recipe of an id; without a version, the newest.
-
-    Raises:
-        UnknownNameError: no shipped recipe has this id; the message names the nearest one.
-    """
+    """Returns the shipped recipe of an id; without a version, the newest."""
     if not is_dataset(dataset_id):
         raise UnknownNameError("dataset", dataset_id, map(without_version, shipped_recipes()))
     recipes = shipped_recipes()

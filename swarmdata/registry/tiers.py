@@ -1,9 +1,6 @@
 """The tiers of the shipped datasets and the presets that have them, without specs and networks.
 
-`<preset>-<tier>` has a million joint steps; `<preset>-<tier>-mini` has its first 5 %, the same
-episodes. The learned tiers mix independently trained checkpoints, with action noise. A tier is
-absent where a preset has no checkpoints for it. Presets with conventions have a tier of their own:
-scripted teams, half of which follow one convention and half the other.
+`<preset>-<tier>` has a million joint steps; `<preset>-<tier>-mini` has its first 5 % of episodes.
 """
 
 import json
@@ -43,8 +40,7 @@ policies record their data; other teams than experts hardly ever succeed there."
 CONVENTION_FAMILIES = ("coop_nav-lanes", "coop_nav-ranks")
 """Presets that have datasets of scripted teams with conventions; these teams are their experts."""
 
-FAMILIES = (*LEARNED_FAMILIES, *STRICT_FAMILIES, *CONVENTION_FAMILIES)
-"""Presets that have datasets."""
+FAMILIES = (*LEARNED_FAMILIES, *STRICT_FAMILIES, *CONVENTION_FAMILIES)  # presets that have datasets
 
 ACTION_NOISE_STD = 0.1
 """Standard deviation of the action noise of learned policies; actions are in [-1, 1]."""

@@ -21,7 +21,6 @@ SAME_MEANING = {"vdn", "qmix"}
 
 SMALL_AND_ALONE = [
     "swarmdata.envs.physics.kinematic",
-    "swarmdata.registry.ablations",
     "swarmdata.rollouts.spec_check",
 ]
 """Modules that should be merged into their only importer; the list only becomes shorter."""

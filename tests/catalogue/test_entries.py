@@ -5,7 +5,7 @@ from pathlib import Path
 
 from swarmdata.catalogue.entries import collisions_on, find_entries, in_sizes
 from swarmdata.hub.catalog.listing import list_datasets
-from swarmdata.registry.published import published
+from swarmdata.registry.published import license_of, published
 from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import little_published
 from tests.support.tiny import TINY
@@ -23,8 +23,8 @@ def test_a_dataset_and_its_mini_are_one(shown: dict[str, Path]) -> None:
     medium = {entry.id: entry for entry in entries}["coop_nav-medium-v1"]
     assert medium.need is not None
     assert 0 < medium.need < 100
-    assert medium.license == "cc-by-4.0"
-    assert len(medium.policies) == 4
+    assert license_of(medium.origin) == "cc-by-4.0"
+    assert len(medium.origin.policies) == 4
 
 
 def test_a_dataset_that_is_shown_says_what_its_table_does(shown: dict[str, Path]) -> None:

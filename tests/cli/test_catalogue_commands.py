@@ -46,9 +46,3 @@ def test_without_a_browser_the_address_is_printed(
 
 def test_open_says_how_to_build(tmp_path: Path) -> None:
     assert "swarmdata catalogue build" in run("catalogue", "open", "--out", tmp_path, code=1)
-
-
-def test_all_episodes_and_a_number_of_them_exclude_each_other(tmp_path: Path) -> None:
-    options = ("--out", tmp_path / "site", "--all", "--episodes", "3")
-
-    assert "cannot be combined with --episodes" in run("catalogue", "build", *options, code=2)

@@ -2,23 +2,12 @@
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from swarmdata.cards.card import write_card
-from swarmdata.registry.presets import preset
 from swarmdata.store.arrays.layout import CARD
 from tests.support.command_line import run
-
-
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory: pytest.TempPathFactory, record: Callable[..., Path]) -> Path:
-    folder = tmp_path_factory.mktemp("commands") / "coop_nav-small-v0"
-    record(folder, preset("coop_nav").with_updates(horizon=10), ("random",))
-    write_card(folder)
-    return folder
 
 
 def test_clean(dataset: Path) -> None:

@@ -57,9 +57,5 @@ def test_update_check_and_list(file: Path) -> None:
     assert "of another recipe" in run("list")
 
 
-def test_update_needs_ids() -> None:
-    run("update", code=2)
-
-
 def test_an_unpublished_id_is_an_error(file: Path) -> None:
     assert "unknown published dataset" in run("check", "--id", "coop_nav-tiny", code=1)

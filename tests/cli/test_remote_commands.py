@@ -1,24 +1,12 @@
 """The commands that push, pull and choose remotes."""
 
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
-from swarmdata.cards.card import write_card
-from swarmdata.registry.recipes import FAMILY_SPECS
+from tests.cli.conftest import ID
 from tests.support.command_line import run
-
-ID = "coop_nav-small-v0"
-
-
-@pytest.fixture(scope="module")
-def dataset(record: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("commands") / ID
-    record(folder, FAMILY_SPECS["coop_nav"].with_updates(horizon=50), ("random",))
-    write_card(folder)
-    return folder
 
 
 @pytest.fixture

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("torch", reason="algorithms need torch")
 
+from docs.site.ablations import ABLATIONS
 from swarmdata.learn.training.training_data import Selective
-from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.testing.comparing import act_on
 from swarmdata.testing.sample_batches import sample_setup

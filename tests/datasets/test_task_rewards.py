@@ -1,5 +1,6 @@
 """Converted data with rewards of somebody else: no score, and nowhere the rewards of the task."""
 
+from functools import partial
 from pathlib import Path
 
 import h5py
@@ -13,8 +14,8 @@ from swarmdata.hub.catalog import catalog
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
-from swarmdata.registry.published import Reference
 from swarmdata.runtime.batches import Failures
+from tests.support.measured import references_at
 
 
 def converted(tiny: Path, folder: Path, more: float) -> Path:
@@ -38,7 +39,8 @@ def test_only_rewards_of_the_task_have_a_score(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(catalog, "known_references", lambda spec: Reference(-1.0, 1.0))
+    known = partial(references_at, idle=-1.0, random=-1.0, expert=1.0)
+    monkeypatch.setattr(catalog, "references_of", known)
     out = converted(tiny, tmp_path, more)
     assert ("have no score" in caplog.text) != is_own
     dataset = load(out)

@@ -56,9 +56,7 @@ def test_a_full_disk_is_one_error_and_no_work_is_lost(tmp_path: Path, digest: st
 
 
 @pytest.mark.parametrize(
-    "formats",
-    slow(["d4rl"], list(disk_trouble.FORMATS)),
-    ids=["one format", "all formats"],
+    "formats", slow(["d4rl"], list(disk_trouble.FORMATS)), ids=["one format", "all formats"]
 )
 def test_exports_on_a_full_disk_are_one_error_and_leave_nothing(
     tmp_path: Path, formats: list[str]

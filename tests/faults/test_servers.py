@@ -6,13 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.errors import (
-    AddressError,
-    ChecksumError,
-    ConflictError,
-    HubError,
-    VersionTakenError,
-)
+from swarmdata.errors import AddressError, ChecksumError, ConflictError, HubError, VersionTakenError
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release, Remote
@@ -22,7 +16,7 @@ from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.store import read_manifest
 from swarmdata.store.scratch import scratch_folder
-from tests.hub.remotes.conftest import ID, NEXT, is_pulled
+from tests.hub.remotes.conftest import ARRAY, ID, NAME, NEXT, is_pulled
 from tests.hub.remotes.faults import Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub, Repository
 from tests.hub.remotes.static_host import StaticHost
@@ -30,8 +24,6 @@ from tests.support.pairs import slow
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
 
-NAME = "org/coop_nav-synthetic"
-ARRAY = "data.zarr/observations/c.0.0.0"
 Served = tuple[FaultyServer, Remote, Release]
 
 
@@ -276,11 +268,7 @@ def test_a_push_that_is_cut_off_at_every_request(
 
 @pytest.mark.parametrize(
     ("at", "is_committed"),
-    [
-        pytest.param("preupload", 0, marks=pytest.mark.slow),
-        ("commit", 0),
-        ("tag", 1),
-    ],
+    [pytest.param("preupload", 0, marks=pytest.mark.slow), ("commit", 0), ("tag", 1)],
 )
 def test_a_push_that_is_cut_off(
     dataset: Path, hub: LoopbackHub, at: str, is_committed: int

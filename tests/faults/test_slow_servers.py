@@ -17,7 +17,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, is_pulled
+from tests.hub.remotes.conftest import ARRAY, ID, is_pulled
 from tests.hub.remotes.faults import Clock, Fault, FaultyServer
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
@@ -26,8 +26,6 @@ from tests.support.pairs import slow
 from tests.support.tiny import TINY
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
-
-ARRAY = "data.zarr/observations/c.0.0.0"
 
 
 def slow_body(pattern: str) -> Fault:
@@ -137,8 +135,7 @@ def test_a_slow_hub_is_left(
         HubRemote("hf://org", backoff=backoff).read(release, "recipe.json", tmp_path / "x", 10**6)
 
 
-START_SECONDS = 300
-"""For a command to ask a server on a busy machine."""
+START_SECONDS = 300  # for a command to ask a server on a busy machine
 
 
 def interrupted(server: FaultyServer, *arguments: str) -> tuple[int | None, str]:

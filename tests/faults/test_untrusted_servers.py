@@ -20,7 +20,7 @@ from swarmdata.hub.remotes.hosts.web import WebRemote
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.pull_dataset import pull
-from tests.hub.remotes.conftest import ID, NEXT, is_pulled
+from tests.hub.remotes.conftest import ID, NAME, NEXT, is_pulled
 from tests.hub.remotes.faults import Fault, FaultyHandler
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.hub.remotes.static_host import StaticHost
@@ -28,8 +28,6 @@ from tests.support.pairs import slow
 from tests.support.tiny import TINY, Shelf
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
-
-NAME = "org/coop_nav-synthetic"
 
 
 @pytest.mark.usefixtures("one_process")
@@ -73,10 +71,7 @@ def test_a_history_that_is_rewritten_meanwhile(
 
 @pytest.mark.parametrize(
     "tag",
-    [
-        "/../../../../../evil",
-        *slow("", "a\\b", "\x1b[2J", "x" * 4_000, "e3b0c442", ".", "\u00fc"),
-    ],
+    ["/../../../../../evil", *slow("", "a\\b", "\x1b[2J", "x" * 4_000, "e3b0c442", ".", "\u00fc")],
 )
 def test_etags_that_lie(
     hub: LoopbackHub,

@@ -48,9 +48,6 @@ def test_every_reference_is_possible() -> None:
     for name, entry in entries.items():
         assert SHA256.fullmatch(entry.spec_hash), name
         assert entry.n_episodes >= 1, name
-        rows: list[Mapping[str, Interval | None]] = [
-            *entry.policies.values(),
-            *entry.gaps.values(),
-        ]
+        rows: list[Mapping[str, Interval | None]] = [*entry.policies.values(), *entry.gaps.values()]
         found = [each for row in rows for each in row.values() if each is not None]
         assert all(each.low <= each.value <= each.high for each in found), name

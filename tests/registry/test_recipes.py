@@ -31,8 +31,7 @@ from swarmdata.registry.tiers import (
 )
 from swarmdata.specs.recipe import PolicySource, Recipe
 
-FRAMES = {0: 1_000_000, 1: 3_000_000}
-"""Joint steps of two runs to their mediums."""
+FRAMES = {0: 1_000_000, 1: 3_000_000}  # joint steps of two runs to their mediums
 
 
 def checkpoint(tier: str, k: int, **changes: Any) -> Checkpoint:
@@ -78,9 +77,7 @@ def test_unknown_id_or_version() -> None:
         find_recipe("coop_nav-random-v7")
 
 
-def test_every_tier_has_a_mini_of_the_same_episodes(
-    trained: Mapping[str, Recipe],
-) -> None:
+def test_every_tier_has_a_mini_of_the_same_episodes(trained: Mapping[str, Recipe]) -> None:
     names = {f"coop_nav-{name}" for name in TIERS if name != "two-conventions"}
     names |= {f"{family}-{name}" for family in LEARNED_FAMILIES for name in ("random", "scripted")}
     names -= {"pursuit-scripted"}  # its controller is slow
@@ -94,9 +91,7 @@ def test_every_tier_has_a_mini_of_the_same_episodes(
         assert mini.n_steps * 20 == full.n_steps == 1_000_000
 
 
-def test_recipes_are_of_the_spec_of_their_preset(
-    trained: Mapping[str, Recipe],
-) -> None:
+def test_recipes_are_of_the_spec_of_their_preset(trained: Mapping[str, Recipe]) -> None:
     assert {spec.n_agents for spec in FAMILY_SPECS.values()} == {3, 4, 8}
     for key, recipe in trained.items():
         family = key.removesuffix("-v1").removesuffix("-mini").removesuffix(f"-{recipe.tier}")

@@ -2,7 +2,6 @@
 
 import pytest
 
-from swarmdata.errors import UnknownNameError
 from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import changed_weights, chosen_weights
@@ -31,10 +30,3 @@ def test_a_team_shares_its_whole_reward(task: str) -> None:
     changed = changed_weights(rules.rewards, chosen_weights("team", rules))
 
     assert changed == rules.rewards.model_copy(update={"team_share": 1.0})
-
-
-def test_what_is_not_there_is_refused() -> None:
-    rules = preset("coop_nav").rules
-    assert chosen_weights({"robot_collision": 2.0}, rules) == {"robot_collision": 2.0}
-    with pytest.raises(UnknownNameError, match="unknown set of reward weights 'save'"):
-        chosen_weights("save", rules)

@@ -40,11 +40,15 @@ def make_tiny(out: Path, **changes: Any) -> Path:
         return build(TINY.model_copy(update=changes), out, workers=1, progress=False)
 
 
-def sign(path: Path, content: dict[str, Any]) -> None:
-    """Writes a manifest with a right checksum, whatever it says."""
+def signed(content: dict[str, Any]) -> bytes:
+    """A manifest with a right checksum, whatever it says."""
     blank = json.dumps({**content, "checksum": "0" * 64}).encode()
-    signed = blank.replace(_ZEROS, _ZEROS.replace(b"0" * 64, _digest(blank)))
-    (path / "manifest.json").write_bytes(signed)
+    return blank.replace(_ZEROS, _ZEROS.replace(b"0" * 64, _digest(blank)))
+
+
+def sign(path: Path, content: dict[str, Any]) -> None:
+    """Writes such a manifest."""
+    (path / "manifest.json").write_bytes(signed(content))
 
 
 def flip(path: Path, byte: int, bit: int = 0) -> None:

@@ -1,8 +1,4 @@
-"""Charts as SVG: estimates with intervals, lines with bands, and the rewards of an episode.
-
-Pages need no library for them, and their colors are those of the style sheet, so that charts are
-dark where the page is; the figures of reports and studies are matplotlib's.
-"""
+"""Charts as SVG, in the colors of the style sheet: estimates, lines with bands, rewards."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -27,14 +23,11 @@ LINES_TOP, TICKS_WIDTH, LABELS_WIDTH, LEAST_HEIGHT, LABEL_HEIGHT = 28.0, 52.0, 1
 
 RIGHT = WIDTH - LABELS_WIDTH
 
-MOST_BANDS = 8
-"""Lines up to which bands are drawn: more would hide each other."""
+MOST_BANDS = 8  # lines up to which bands are drawn: more would hide each other
 
-N_COLORS = 6
-"""Colors of agents, `--series-0` and so on in the style sheet."""
+N_COLORS = 6  # colors of agents, `--series-0` and so on in the style sheet
 
-N_DASHES = 3
-"""Kinds of dashes, of lines of one color."""
+N_DASHES = 3  # kinds of dashes, of lines of one color
 
 MOST_TICKS = 7
 

@@ -39,8 +39,7 @@ COLUMNS = {
 }
 """Columns of the table of episodes: key and head."""
 
-MOST_BASELINES = 12
-"""Results on a dataset's page; the results page has all."""
+MOST_BASELINES = 12  # results on a dataset's page; the results page has all
 
 TABLE_SCRIPTS = ("core.js", "data.js", "histograms.js", "episode_table.js")
 VIEWER_SCRIPTS = (*TABLE_SCRIPTS, "link.js", "player.js", "viewer.js")
@@ -121,9 +120,10 @@ def _tiers(entry: Entry, entries: Sequence[Entry]) -> Html:
         next((s for s in sizes if s.is_mini == entry.is_mini), sizes[0]) for sizes in in_sizes(same)
     ]
     tiers.sort(key=lambda each: (each.success or 0.0, each.id))
-    are_told_apart = len({each.tier for each in tiers}) == len(tiers)
+    are_told_apart = len({each.origin.tier for each in tiers}) == len(tiers)
     texts = [
-        (element("b", each.tier if are_told_apart else each.id), *_solved(each)) for each in tiers
+        (element("b", each.origin.tier if are_told_apart else each.id), *_solved(each))
+        for each in tiers
     ]
     return _switch(entry, tiers, texts, class_="tiers", aria_label="Tiers of this task")
 

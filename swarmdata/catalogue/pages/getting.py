@@ -11,15 +11,14 @@ from swarmdata.catalogue.entries import Entry
 from swarmdata.catalogue.pages.figures_shown import UNKNOWN, file_size, percent, score
 from swarmdata.datasets.action_scaling import action_scale, has_choices
 from swarmdata.errors import SchemaError
+from swarmdata.registry.published import license_of
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import Spec
 
-DIGITS = 12
-"""Of a digest in print."""
+DIGITS = 12  # of a digest in print
 
-MOST_NAMES = 4
-"""Policies that are named; the card has all."""
+MOST_NAMES = 4  # policies that are named; the card has all
 
 
 def get_part(entry: Entry, spec: Spec) -> Html:
@@ -51,6 +50,7 @@ def _copy(key: str, label: str) -> Html:
 def _facts(entry: Entry) -> Html:
     episodes = UNKNOWN if entry.n_episodes is None else f"{entry.n_episodes:,}"
     size = f"{file_size(entry.n_bytes)}, {episodes} episodes, {entry.n_steps:,} joint steps"
+    license = license_of(entry.origin)
     facts: list[tuple[str, object]] = [
         ("size", size + ("; the first 5 % of the full dataset" if entry.is_mini else "")),
         ("address", _address(entry)),
@@ -61,7 +61,7 @@ def _facts(entry: Entry) -> Html:
         ("costs", _costs(entry)),
         ("messages", _messages(entry)),
         ("coordination gap", _gap(entry)),
-        ("license", "not stated" if entry.license == "unknown" else entry.license),
+        ("license", "not stated" if license == "unknown" else license),
         ("digest", UNKNOWN if entry.digest is None else _digest(entry.digest)),
         ("cite as", _citation(entry)),
     ]
@@ -85,9 +85,10 @@ def _address(entry: Entry) -> object:
 
 
 def _policies(entry: Entry) -> str:
-    names = ", ".join(entry.policies[:MOST_NAMES])
-    more = ", …" if len(entry.policies) > MOST_NAMES else ""
-    return names if len(entry.policies) <= 1 else f"{len(entry.policies)} policies: {names}{more}"
+    policies = entry.origin.policies
+    names = ", ".join(policy.label for policy in policies[:MOST_NAMES])
+    more = ", …" if len(policies) > MOST_NAMES else ""
+    return names if len(policies) <= 1 else f"{len(policies)} policies: {names}{more}"
 
 
 def _costs(entry: Entry) -> str:

@@ -76,8 +76,7 @@ SORTS = {
 }
 """Orders: attribute of the cards, from high to low but for names, and label."""
 
-LARGE_GAP = 50.0
-"""Points of clean success from which robots need each other."""
+LARGE_GAP = 50.0  # points of clean success from which robots need each other
 
 NEEDS = {
     "large": f"large (gap {LARGE_GAP:.0f} or more)",
@@ -85,8 +84,7 @@ NEEDS = {
     "unknown": "not measured",
 }
 
-Sizes = Sequence[Entry]
-"""A dataset in its sizes, the full one first."""
+Sizes = Sequence[Entry]  # a dataset in its sizes, the full one first
 
 
 def index_page(entries: Sequence[Entry], pictures: Mapping[str, Html]) -> Page:
@@ -152,7 +150,7 @@ def _filters(found: Sequence[Sizes]) -> Html:
         (
             element("label", "Search", search),
             choice("Task", "task", sorted({entry.spec.task for entry in firsts})),
-            choice("Tier", "tier", sorted({entry.tier for entry in firsts})),
+            choice("Tier", "tier", sorted({entry.origin.tier for entry in firsts})),
             choice("Robots", "team", teams),
             choice("Need for others", "need", labels=NEEDS),
             choice("Messages", "messages", ["yes", "no"]),
@@ -190,7 +188,7 @@ def _card(sizes: Sizes, pictures: Mapping[str, Html]) -> Html:
         class_="card",
         data_name=entry.full_id,
         data_task=entry.spec.task,
-        data_tier=entry.tier,
+        data_tier=entry.origin.tier,
         data_team=entry.spec.n_agents,
         data_need=need,
         data_gap=_plain(entry.need),
@@ -224,8 +222,7 @@ def _size_link(entry: Entry) -> Html:
 
 
 NUMBERS = ("robots", "solved (%)", "clean (%)", "score", "gap", "collisions")
-HEADS = ("dataset", "task", "tier", *NUMBERS, "messages", "source", "size")
-"""Columns of the table."""
+HEADS = ("dataset", "task", "tier", *NUMBERS, "messages", "source", "size")  # columns of the table
 
 
 def _table(found: Sequence[Sizes]) -> Html:
@@ -248,7 +245,7 @@ def _row(sizes: Sizes) -> Html:
         "tr",
         element("th", _link(entry, entry.full_id), scope="row"),
         element("td", entry.spec.task),
-        element("td", entry.tier),
+        element("td", entry.origin.tier),
         _number(float(entry.spec.n_agents), 0),
         _number(entry.success and 100 * entry.success, 1),
         _number(entry.clean_success and 100 * entry.clean_success, 1),

@@ -1,9 +1,7 @@
 """The frame of every page: head, security policy, navigation, and the scripts it starts.
 
-The policy allows nothing by default. One inline script is allowed by its hash; it loads the
-catalogue's scripts, which load the data files (`strict-dynamic`). Nothing can be fetched from
-elsewhere, an injected script or handler does not run, and pages work from `file://`, where `fetch`
-does not.
+The policy allows one inline script by its hash, which loads the others (`strict-dynamic`): nothing
+is fetched from elsewhere, no injected script runs, and pages work from `file://`.
 """
 
 import base64

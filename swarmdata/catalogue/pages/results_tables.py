@@ -5,12 +5,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.catalogue.boards import Board, Row
-from swarmdata.catalogue.drawings.charts import (
-    Axis,
-    axis_drawing,
-    interval_drawing,
-    score_axis,
-)
+from swarmdata.catalogue.drawings.charts import Axis, axis_drawing, interval_drawing, score_axis
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.catalogue.pages.figures_shown import interval, score
 from swarmdata.catalogue.result_sources import Outcome, ZooDifference
@@ -27,17 +22,14 @@ QUANTITIES = (
 )
 """Columns: key, head, factor to the shown unit, decimals."""
 
-UNKNOWN_SERIES = 6
-"""The gray of lines whose family is not known."""
+UNKNOWN_SERIES = 6  # the gray of lines whose family is not known
 
-RANKS = ("score", "return")
-"""Columns by one of which a table is ranked; the other says the same."""
+RANKS = ("score", "return")  # columns by one of which a table is ranked; the other says the same
 
 LOW_IS_BETTER = frozenset({"robot_collisions", "obstacle_collisions"})
 """Columns of which the best is the lowest."""
 
-LEAST_SCORE = -50.0
-"""Scores below are arrows: a team that only collides would squeeze all others."""
+LEAST_SCORE = -50.0  # scores below are arrows: a team that only collides would squeeze all others
 
 UNDEFINED = Estimate(math.nan, math.nan, math.nan)
 
@@ -101,7 +93,7 @@ def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *,
             element("td", row.outcome.family),
             _source(row),
             data_group=row.group,
-            data_text=" ".join(_searched(row)).lower(),
+            data_text=_searched(row),
         )
         for row in rows
     ]
@@ -163,12 +155,11 @@ def _head(name: str, *, is_low: bool = False) -> Html:
 
 def _label(outcome: Outcome, root: str) -> Html:
     """The name of an outcome, which leads to its runs and episodes."""
-    note = f" rewards {outcome.rewards}" if outcome.rewards else ""
+    note = element("small", f" rewards {outcome.rewards}") if outcome.rewards else ""
     name: Html | str = words_of(outcome.label)
     if outcome.key:
         name = element("a", name, href=f"{root}results/{outcome.key}.html")
-    inside = [name, *([element("small", note)] if note else [])]
-    return element("th", *inside, scope="row", title=outcome.label)
+    return element("th", name, note, scope="row", title=outcome.label)
 
 
 def _number(text: str, value: object) -> Html:
@@ -182,9 +173,9 @@ def _estimate(outcome: Outcome, name: str, _: str, factor: float, decimals: int)
     return element("td", text, class_="n", data_value=f"{value:.8g}")
 
 
-def _searched(row: Row) -> tuple[str, ...]:
+def _searched(row: Row) -> str:
     label = row.outcome.label
-    return label, words_of(label), row.outcome.family, row.source.title
+    return f"{label} {words_of(label)} {row.outcome.family} {row.source.title}".lower()
 
 
 def _source(row: Row) -> Html:

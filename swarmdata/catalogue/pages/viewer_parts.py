@@ -15,11 +15,7 @@ NUMBERS = frozenset({"return", "length", "time", "collisions"})
 
 SLIDER = element("input", type="range", min="0", value="0", aria_label="Time")
 
-KEYS = (
-    ("Space", "play or pause"),
-    ("← →", "one step; with Shift ten"),
-    ("Home End", "start, end"),
-)
+KEYS = (("Space", "play or pause"), ("← →", "one step; with Shift ten"), ("Home End", "start, end"))
 
 
 def world_viewer(spec: TaskSpec, recorded: TaskSpec) -> Html:

@@ -1,7 +1,6 @@
 """The data files of a dataset: a sample of its episodes in a table, and chunks to replay them.
 
-Each file is a script that calls a function of `assets/data.js`. Episodes are in chunks of about a
-hundred kilobytes, so that a page loads at once and a replay in a moment.
+Each file is a script that calls a function of `assets/data.js`.
 """
 
 import json
@@ -23,8 +22,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.table import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, Episode, Int
 
-CHUNK_VALUES = 100_000
-"""Numbers in a chunk, at least those of one episode."""
+CHUNK_VALUES = 100_000  # numbers in a chunk, at least those of one episode
 
 
 def choose_episodes(table: EpisodeTable, most: int | None) -> Int:

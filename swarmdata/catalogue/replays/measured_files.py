@@ -1,8 +1,6 @@
 """The data files of a result: every measured episode of its runs, and replays of a few of them.
 
-A result file keeps metrics and seeds, not positions. Where the run that was measured is at hand,
-its policies play some of the episodes again; those that do not end as they were measured are left
-out. Where it is not, as for committed studies, the table is all there is.
+Episodes are played again where the measured run is at hand, and shown if they end as measured.
 """
 
 from collections.abc import Callable, Sequence
@@ -21,8 +19,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.types import Double, Episode, Int
 
-MAX_CODE = 30_000
-"""Of a number of 16 bits."""
+MAX_CODE = 30_000  # of a number of 16 bits
 
 MAX_RETURN_ERROR = 1e-3
 """Between a measured return and that of its replay, which is only shown within it."""

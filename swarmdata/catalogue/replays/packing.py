@@ -1,8 +1,6 @@
 """Packs integers into text: second differences, zigzag, split bytes, gzip, base64.
 
-Positions of robots change smoothly, so their second differences are small: most fit in one byte,
-and the plane of high bytes is almost empty. Data files are scripts that call a function with this
-text, because pages at `file://` may load scripts but may not fetch.
+Second differences of positions are small, so that the plane of high bytes is almost empty.
 """
 
 import base64

@@ -1,8 +1,6 @@
 """The numbers with which the catalogue plots an episode of another library's environment.
 
-Its arrays over time are drawn as lines: rewards, actions and the first columns of observations,
-each rounded to a thousandth of its range over the episodes shown. Observations that are images are
-shown as images, shrunk, of a few episodes.
+Rewards, actions and observations are lines, rounded to a thousandth of their range, or images.
 """
 
 from collections.abc import Sequence
@@ -20,8 +18,7 @@ MOST_LINES = 12
 """Columns of an array that are drawn for each agent; the page says how many there are."""
 
 N_LEVELS = 1000
-UNDEFINED = -1
-"""Code of a value that is not finite."""
+UNDEFINED = -1  # code of a value that is not finite
 
 IMAGE_SIDE = 48  # pixels, of the longer side
 IMAGE_FRAMES = 40  # of an episode

@@ -1,9 +1,6 @@
 """The numbers with which the catalogue replays an episode of our worlds, as integers.
 
-Columns that change with time have a row for each state; what belongs to a step is in the row of the
-state that it led to. Lengths are rounded to millimetres (coarser in arenas wider than 30 m), which
-no screen shows. Radio links are those of the recording; links whose message was lost are found by
-observing the episode again over a channel without losses.
+Columns that change with time have a row for each state; a step is in that of the state after it.
 """
 
 from typing import Any, NamedTuple
@@ -61,11 +58,7 @@ class WorldColumns:
         self._moments = [
             each for each in self._look.moments[:MOST_MOMENTS] if each.term in self._terms
         ]
-        n = spec.n_agents
         self._has_headings = any(robot.dynamics == "unicycle" for robot in spec.robots)
-        self._n_words = (
-            -(-n // SENDERS_IN_A_WORD) if isinstance(spec.communication, Broadcast) else 0
-        )
 
     def moving(self, episode: Episode) -> list[tuple[Group, Columns]]:
         """The columns that change with time, [T+1, count] each."""
@@ -90,12 +83,11 @@ class WorldColumns:
         """The columns that are the same throughout an episode, [1, count] each."""
         layout = episode.layout
         lengths = layout[:, [1, 2, 5, 6, 7]]
-        kinds = (
-            Group("obstacle_kind", len(layout), 1.0),
-            np.rint(layout[None, :, 0]).astype(np.int64),
-        )
-        found = [kinds, self._lengths("obstacle_size", lengths.reshape(1, -1))]
-        found.append(_angles("obstacle_angle", layout[None, :, 3], layout[None, :, 4]))
+        found = [
+            _group("obstacle_kind", layout[None, :, 0]),
+            self._lengths("obstacle_size", lengths.reshape(1, -1)),
+            _angles("obstacle_angle", layout[None, :, 3], layout[None, :, 4]),
+        ]
         look, extras = self._look, self._extras(episode.states[:1])
         if look.shared is not None:
             found.append(self._lengths("goal", extras[:, : 2 * look.shared.n]))
@@ -124,18 +116,15 @@ class WorldColumns:
         look, extras = self._look, self._extras(states)
         found: list[tuple[Group, Columns]] = []
         if look.carrying:
-            carrying = (extras[:, list(look.carrying)] > 0).astype(np.int64)
-            found.append((Group("carrying", len(look.carrying), 1.0), carrying))
+            found.append(_group("carrying", extras[:, list(look.carrying)] > 0))
         if look.shared is None:
             return found
         n, reached, known = look.shared
         if reached is not None:
-            flags = extras[:, reached:][:, :n] > 0
-            found.append((Group("reached", n, 1.0), flags.astype(np.int64)))
+            found.append(_group("reached", extras[:, reached:][:, :n] > 0))
         if known is not None:
             by_robot = extras[:, known:][:, : n * self.spec.n_agents] > 0
-            anyone = np.asarray(by_robot.reshape(len(states), -1, n).max(axis=1), np.int64)
-            found.append((Group("known", n, 1.0), anyone))
+            found.append(_group("known", by_robot.reshape(len(states), -1, n).any(axis=1)))
         return found
 
     def _events(self, episode: Episode) -> tuple[Group, Columns]:
@@ -148,14 +137,13 @@ class WorldColumns:
             for k, moment in enumerate(self._moments):
                 happened = episode.reward_terms[..., self._terms.index(moment.term)] > 0
                 codes |= happened.astype(np.int64) << (_FIRST_MOMENT_BIT + k)
-        return Group("event", events.shape[1], 1.0), _after(codes)
+        return _group("event", _after(codes))
 
     def _links(self, episode: Episode) -> list[tuple[Group, Columns]]:
         """Messages that arrived, that arrived late, and that were lost, as bits of senders."""
-        if not self._n_words:
-            return []
         attempted = attempted_links(episode, self.spec)
-        assert attempted is not None  # the spec has a channel
+        if attempted is None:  # there is no channel
+            return []
         others = ~np.eye(self.spec.n_agents, dtype=np.bool_)
         arrived = episode.delivered & others
         lost = attempted & ~episode.delivered & others
@@ -167,12 +155,10 @@ class WorldColumns:
         for first in range(0, n, SENDERS_IN_A_WORD):
             some = links[..., first : first + SENDERS_IN_A_WORD]
             words.append((some << np.arange(some.shape[-1])).sum(axis=-1))
-        packed = np.stack(words, axis=-1).reshape(len(links), -1)
-        return Group(name, packed.shape[1], 1.0), packed
+        return _group(name, np.stack(words, axis=-1).reshape(len(links), -1))
 
     def _lengths(self, name: str, values: Float | Double) -> tuple[Group, Columns]:
-        codes = np.rint(values.astype(np.float64) / self._quantum).astype(np.int64)
-        return Group(name, values.shape[1], self._quantum), codes
+        return _group(name, values, self._quantum)
 
     def describe(self) -> dict[str, Any]:
         """What the browser needs to know of the world, JSON."""
@@ -210,8 +196,13 @@ class WorldColumns:
 def _angles(name: str, ux: Float, uy: Float) -> tuple[Group, Columns]:
     """Directions as unwrapped angles: full turns are multiples of `TURN`, so wrapping is exact."""
     angles = np.unwrap(np.arctan2(uy, ux).astype(np.float64), axis=0)
-    unit = 2 * np.pi / TURN
-    return Group(name, angles.shape[1], unit), np.rint(angles / unit).astype(np.int64)
+    return _group(name, angles, 2 * np.pi / TURN)
+
+
+def _group(name: str, values: NDArray[Any], unit: float = 1.0) -> tuple[Group, Columns]:
+    """Columns of values, [T, C], as whole numbers of a unit."""
+    codes = np.rint(values.astype(np.float64) / unit).astype(np.int64)
+    return Group(name, values.shape[1], unit), codes
 
 
 def _after(steps: Int) -> Int:

@@ -1,93 +1,87 @@
 """`swarmdata convert`: datasets to and from other formats."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated
 
 import typer
 
 from swarmdata.cli.option_use import refuse, refuse_all_but
 from swarmdata.cli.shared_options import Notes, parse_settings
 
-Source = Annotated[
-    str,
-    typer.Argument(
-        metavar="SRC", help="with --to: dataset id or folder; with --from: data in that format"
-    ),
-]
-Target = Annotated[Path, typer.Argument(metavar="DST", help="file or folder to write")]
-To = Annotated[
-    str | None,
-    typer.Option(
-        "--to",
-        metavar="FORMAT",
-        help="export: d4rl, d4rl-agents, lerobot, mcap, minari, numpy, parquet, rosbag2, "
-        "torchrl, vault",
-    ),
-]
-From = Annotated[
-    str | None,
-    typer.Option(
-        "--from", metavar="FORMAT", help="import: d4rl, minari, numpy, parquet, torchrl, vault"
-    ),
-]
-Split = Annotated[str | None, typer.Option(help="with --to: one split: train, validation or test")]
-FrameName = Annotated[
-    str,
-    typer.Option(
-        help="with --to: frame of observations and actions: world, as they were recorded, target, "
-        "as algorithms see them, or another anchor"
-    ),
-]
-Policy = Annotated[str | None, typer.Option(help="with --to: only episodes of this policy")]
-Id = Annotated[
-    str | None,
-    typer.Option(
-        "--id",
-        metavar="ID",
-        help="with --from: id of the new dataset, such as spread-omar_medium-v0",
-    ),
-]
-TimeLimit = Annotated[
-    int | None, typer.Option(help="length at which episodes are truncated; 0: no limit")
-]
-EpisodeLength = Annotated[
-    int | None, typer.Option(help="length of all episodes, if the data does not mark their ends")
-]
-Final = Annotated[
-    str | None,
-    typer.Option(help="for missing last observations: repeat the previous one, or cut the step"),
-]
-Unfinished = Annotated[
-    str | None, typer.Option(help="for an unfinished last episode: truncate or drop")
-]
-Agents = Annotated[
-    str | None, typer.Option(help="number of agents, or their names separated by commas")
-]
-Bounds = Annotated[
-    str | None, typer.Option(metavar="LOW,HIGH", help="bounds of continuous actions")
-]
-NewSplits = Annotated[bool, typer.Option(help="draw new splits instead of keeping the source's")]
 EXPORT_OPTIONS = ("to", "split", "policy", "frame")
 """Options of `convert --to`; `--from` has the others."""
 
 
 def convert(
     context: typer.Context,
-    source: Source,
-    target: Target,
-    to: To = None,
-    from_: From = None,
-    split: Split = None,
-    policy: Policy = None,
-    frame: FrameName = "world",
-    id_: Id = None,
-    time_limit: TimeLimit = None,
-    episode_length: EpisodeLength = None,
-    final: Final = None,
-    unfinished: Unfinished = None,
-    agents: Agents = None,
-    action_bounds: Bounds = None,
-    new_splits: NewSplits = False,
+    source: Annotated[
+        str,
+        typer.Argument(
+            metavar="SRC", help="with --to: dataset id or folder; with --from: data in that format"
+        ),
+    ],
+    target: Annotated[Path, typer.Argument(metavar="DST", help="file or folder to write")],
+    to: Annotated[
+        str | None,
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="export: d4rl, d4rl-agents, lerobot, mcap, minari, numpy, parquet, rosbag2, "
+            "torchrl, vault",
+        ),
+    ] = None,
+    from_: Annotated[
+        str | None,
+        typer.Option(
+            "--from", metavar="FORMAT", help="import: d4rl, minari, numpy, parquet, torchrl, vault"
+        ),
+    ] = None,
+    split: Annotated[
+        str | None, typer.Option(help="with --to: one split: train, validation or test")
+    ] = None,
+    policy: Annotated[
+        str | None, typer.Option(help="with --to: only episodes of this policy")
+    ] = None,
+    frame: Annotated[
+        str,
+        typer.Option(
+            help="with --to: frame of observations and actions: world, as they were recorded, "
+            "target, as algorithms see them, or another anchor"
+        ),
+    ] = "world",
+    id_: Annotated[
+        str | None,
+        typer.Option(
+            "--id",
+            metavar="ID",
+            help="with --from: id of the new dataset, such as spread-omar_medium-v0",
+        ),
+    ] = None,
+    time_limit: Annotated[
+        int | None, typer.Option(help="length at which episodes are truncated; 0: no limit")
+    ] = None,
+    episode_length: Annotated[
+        int | None,
+        typer.Option(help="length of all episodes, if the data does not mark their ends"),
+    ] = None,
+    final: Annotated[
+        str | None,
+        typer.Option(
+            help="for missing last observations: repeat the previous one, or cut the step"
+        ),
+    ] = None,
+    unfinished: Annotated[
+        str | None, typer.Option(help="for an unfinished last episode: truncate or drop")
+    ] = None,
+    agents: Annotated[
+        str | None, typer.Option(help="number of agents, or their names separated by commas")
+    ] = None,
+    action_bounds: Annotated[
+        str | None, typer.Option(metavar="LOW,HIGH", help="bounds of continuous actions")
+    ] = None,
+    new_splits: Annotated[
+        bool, typer.Option(help="draw new splits instead of keeping the source's")
+    ] = False,
     note: Notes = None,
 ) -> None:
     """Convert a dataset to another format, or from one.
@@ -103,17 +97,20 @@ def convert(
         return
     refuse(context, EXPORT_OPTIONS, "with --from")
     low, high = _bounds(action_bounds)
-    answers = {
-        "time_limit": time_limit,
-        "episode_length": episode_length,
-        "final": final,
-        "unfinished": unfinished,
-        "agents": agents,
-        "action_low": low,
-        "action_high": high,
-    }
-    notes = parse_settings(note, "--note")
-    typer.echo(_import(source, target, str(from_), id_, answers, new_splits, notes))
+    if id_ is None:
+        raise typer.BadParameter("required with --from", param_hint="--id")
+    from swarmdata.interop.conversion.user_choices import Choices
+    from swarmdata.interop.convert import import_dataset
+
+    choices = Choices.of(
+        time_limit=time_limit, episode_length=episode_length, final=final, unfinished=unfinished,
+        agents=agents, action_low=low, action_high=high,
+    )  # fmt: skip
+    made = import_dataset(
+        source, target, format=str(from_), id=id_, choices=choices,
+        splits="new" if new_splits else "kept", metadata=parse_settings(note, "--note"),
+    )  # fmt: skip
+    typer.echo(f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}")
 
 
 def _export(
@@ -129,33 +126,6 @@ def _export(
     dataset = Dataset.open(folder) if is_folder(folder) else load(source)
     view = dataset.filter(split=split, policy=policy)
     return export_dataset(view, target, format=to, frame=frame)
-
-
-def _import(
-    source: str,
-    target: Path,
-    kind: str,
-    name: str | None,
-    answers: dict[str, Any],
-    new_splits: bool,
-    metadata: dict[str, str],
-) -> str:
-    if name is None:
-        raise typer.BadParameter("required with --from", param_hint="--id")
-    from swarmdata.interop.conversion.user_choices import Choices
-    from swarmdata.interop.convert import import_dataset
-
-    splits: Literal["kept", "new"] = "new" if new_splits else "kept"
-    made = import_dataset(
-        source,
-        target,
-        format=kind,
-        id=name,
-        choices=Choices.of(**answers),
-        splits=splits,
-        metadata=metadata,
-    )
-    return f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}"
 
 
 def _bounds(text: str | None) -> tuple[float | None, float | None]:

@@ -26,70 +26,64 @@ if TYPE_CHECKING:
 RECIPE_OPTIONS = ("steps", "workers", "engine", "part", "finish", "remote", "out")
 """Options of `generate` that a recipe has not decided; a task with policies has them all."""
 
-Dataset = Annotated[
-    str | None, typer.Argument(metavar="[ID_OR_RECIPE]", help="dataset id or recipe file")
-]
-NewTask = Annotated[
-    str | None, typer.Option(help="make a dataset of this task: a preset, or a spec file")
-]
-Behaviors = Annotated[
-    list[str] | None,
-    typer.Option(
-        metavar="NAME[=SHARE]",
-        help="with --task: run folder, policy or tier, or a policy for each side, as in "
-        "scripted,random; may be repeated. Shares of the joint steps "
-        "are equal unless given, as in scripted=0.3",
-    ),
-]
-NewId = Annotated[
-    str | None, typer.Option("--id", metavar="ID", help="with --task: such as my_task-mine-v0")
-]
-Steps = Annotated[
-    int | None,
-    typer.Option(
-        min=1, help="number of joint steps; default: as in the recipe, with --task 50,000"
-    ),
-]
-Noise = Annotated[float, typer.Option(min=0, help="with --task: deviation of the noise on actions")]
-Seed = Annotated[
-    int | None,
-    typer.Option(min=0, help="with --task: seed of the episodes; default: made of the id"),
-]
-Tier = Annotated[str, typer.Option(help="with --task: tier of the new dataset")]
-Out = Annotated[Path | None, typer.Option(help="folder of the dataset; default: in the cache")]
-Finish = Annotated[
-    bool, typer.Option("--finish", help="assemble the parts that --part has made, and make none")
-]
-Remote = Annotated[
-    str | None,
-    typer.Option(
-        metavar="ADDRESS",
-        help="folder or bucket through which parts travel, for machines without a shared folder",
-    ),
-]
-
 
 def generate(
     context: typer.Context,
-    dataset: Dataset = None,
-    task: NewTask = None,
-    policy: Behaviors = None,
-    new_id: NewId = None,
-    steps: Steps = None,
-    noise: Noise = 0.0,
+    dataset: Annotated[
+        str | None, typer.Argument(metavar="[ID_OR_RECIPE]", help="dataset id or recipe file")
+    ] = None,
+    task: Annotated[
+        str | None, typer.Option(help="make a dataset of this task: a preset, or a spec file")
+    ] = None,
+    policy: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME[=SHARE]",
+            help="with --task: run folder, policy or tier, or a policy for each side, as in "
+            "scripted,random; may be repeated. Shares of the joint steps "
+            "are equal unless given, as in scripted=0.3",
+        ),
+    ] = None,
+    new_id: Annotated[
+        str | None, typer.Option("--id", metavar="ID", help="with --task: such as my_task-mine-v0")
+    ] = None,
+    steps: Annotated[
+        int | None,
+        typer.Option(
+            min=1, help="number of joint steps; default: as in the recipe, with --task 50,000"
+        ),
+    ] = None,
+    noise: Annotated[
+        float, typer.Option(min=0, help="with --task: deviation of the noise on actions")
+    ] = 0.0,
     observation: Observation = None,
     communication: Communication = None,
     backend: Backend = None,
     randomize: Randomize = None,
-    seed: Seed = None,
-    tier: Tier = "own",
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="with --task: seed of the episodes; default: made of the id"),
+    ] = None,
+    tier: Annotated[str, typer.Option(help="with --task: tier of the new dataset")] = "own",
     note: Notes = None,
     workers: Workers = None,
     engine: Engine = "local",
     part: Part = None,
-    finish: Finish = False,
-    remote: Remote = None,
-    out: Out = None,
+    finish: Annotated[
+        bool,
+        typer.Option("--finish", help="assemble the parts that --part has made, and make none"),
+    ] = False,
+    remote: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="folder or bucket through which parts travel, for machines without a shared "
+            "folder",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="folder of the dataset; default: in the cache")
+    ] = None,
 ) -> None:
     """Build a dataset of a recipe, or of a task and policies.
 
@@ -126,11 +120,7 @@ def generate(
 
 
 def read_shares(texts: list[str]) -> dict[str, float]:
-    """Reads `NAME` or `NAME=SHARE` of each text; a share that is not given is 1.
-
-    Raises:
-        typer.BadParameter: a share is no number, or a name is given twice.
-    """
+    """Reads `NAME` or `NAME=SHARE` of each text; a share that is not given is 1."""
     shares: dict[str, float] = {}
     for text in texts:
         name, equals, share = text.rpartition("=")
@@ -191,7 +181,7 @@ def _what_to_build(
         raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
     if steps is not None:
         recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
-    return recipe, out or dataset_folder(recipe), path.parent if is_file else None
+    return recipe, out or dataset_folder(recipe.id), path.parent if is_file else None
 
 
 def _print_built(folder: Path) -> None:

@@ -12,47 +12,42 @@ from swarmdata.cli.shared_options import IdOrPath, Notes, parse_settings, summar
 if TYPE_CHECKING:
     from swarmdata.datasets.dataset import Dataset
 
-Logs = Annotated[
-    list[Path],
-    typer.Argument(
-        metavar="LOG...", help="CSV and Parquet files, ROS 1 and 2 bags, MCAP; folders of files"
-    ),
-]
-Map = Annotated[
-    Path,
-    typer.Option(
-        "--map",
-        metavar="FILE",
-        help="YAML file that says which columns and topics are poses, commands and observations; "
-        "the name of one that the package has, such as mrclam; or the recipe.json of an imported "
-        "dataset, to make it again",
-    ),
-]
-NewId = Annotated[
-    str | None,
-    typer.Option("--id", metavar="ID", help="of the new dataset, such as hall-monday-v0"),
-]
-TaskOption = Annotated[
-    str | None,
-    typer.Option(
-        "--task",
-        metavar="FILE",
-        help="a spec of coop_nav, or the name of a preset, that observes and scores the logged "
-        "poses; default: none, and rewards are those of the map",
-    ),
-]
 Out = Annotated[Path | None, typer.Option(help="folder of the dataset; default: in the cache")]
-Seed = Annotated[int, typer.Option(min=0, help="seed of the splits")]
 
 
 def import_command(
     context: typer.Context,
-    logs: Logs,
-    log_map: Map,
-    id_: NewId = None,
-    task: TaskOption = None,
+    logs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="LOG...", help="CSV and Parquet files, ROS 1 and 2 bags, MCAP; folders of files"
+        ),
+    ],
+    log_map: Annotated[
+        Path,
+        typer.Option(
+            "--map",
+            metavar="FILE",
+            help="YAML file that says which columns and topics are poses, commands and "
+            "observations; the name of one that the package has, such as mrclam; or the "
+            "recipe.json of an imported dataset, to make it again",
+        ),
+    ],
+    id_: Annotated[
+        str | None,
+        typer.Option("--id", metavar="ID", help="of the new dataset, such as hall-monday-v0"),
+    ] = None,
+    task: Annotated[
+        str | None,
+        typer.Option(
+            "--task",
+            metavar="FILE",
+            help="a spec of coop_nav, or the name of a preset, that observes and scores the logged "
+            "poses; default: none, and rewards are those of the map",
+        ),
+    ] = None,
     out: Out = None,
-    seed: Seed = 0,
+    seed: Annotated[int, typer.Option(min=0, help="seed of the splits")] = 0,
     note: Notes = None,
 ) -> None:
     """Make a dataset of the logs of robots.
@@ -169,9 +164,7 @@ def fit(
 
 
 record_app = typer.Typer(
-    no_args_is_help=True,
-    rich_markup_mode=None,
-    help="Inspect and recover unfinished recordings.",
+    no_args_is_help=True, rich_markup_mode=None, help="Inspect and recover unfinished recordings."
 )
 
 Recorded = Annotated[

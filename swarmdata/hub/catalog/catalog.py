@@ -1,8 +1,4 @@
-"""The datasets there are, and how an id becomes an open dataset: cache, remotes, rebuild.
-
-A dataset is looked for in the cache, then on the configured remotes, and built from the recipe in
-the package if neither has it, so that everything works without a network.
-"""
+"""How an id becomes an open dataset: from the cache, else a remote, else built from its recipe."""
 
 import warnings
 from collections.abc import Callable, Container, Sequence
@@ -19,7 +15,7 @@ from swarmdata.hub.catalog.request import Request, cached, is_offline, parse_req
 from swarmdata.registry.published import Reference, references_of
 from swarmdata.runtime.own_components import import_function
 from swarmdata.specs.model_choice import Source, check_messages, with_models
-from swarmdata.specs.origins import Origin, Spec
+from swarmdata.specs.origins import Origin
 from swarmdata.specs.rules import changed_weights, chosen_weights
 from swarmdata.store import open_store
 from swarmdata.store.stored_dataset import Verify, check_spec
@@ -54,19 +50,6 @@ def load(
 ) -> Dataset: ...
 @overload
 def load(
-    dataset_id: list[str] | list[Path] | tuple[str | Path, ...],
-    *,
-    weights: Sequence[float] | None = None,
-    observation: Source | None = None,
-    communication: Source | None = None,
-    rewards: "RewardChoice | None" = None,
-    verify: Verify = "fast",
-    offline: bool | None = None,
-    workers: int | None = None,
-    progress: bool = True,
-) -> "Mixture": ...
-@overload
-def load(
     dataset_id: str | Path,
     *,
     stream: "Literal[True] | Stream",
@@ -79,11 +62,14 @@ def load(
 def load(
     dataset_id: list[str] | list[Path] | tuple[str | Path, ...],
     *,
-    stream: "Literal[True] | Stream",
     weights: Sequence[float] | None = None,
+    stream: "bool | Stream" = False,
     observation: Source | None = None,
     communication: Source | None = None,
+    rewards: "RewardChoice | None" = None,
+    verify: Verify = "fast",
     offline: bool | None = None,
+    workers: int | None = None,
     progress: bool = True,
 ) -> "Mixture": ...
 def load(
@@ -169,11 +155,7 @@ def load(
     return mix([open_one(each) for each in dataset_id], weights)
 
 
-def _check_number(
-    dataset_id: str | Path | Sequence[str | Path],
-    weights: Sequence[float] | None,
-    path: Path | str | None,
-) -> None:
+def _check_number(dataset_id: object, weights: Sequence[float] | None, path: object) -> None:
     """Refuses what is of several datasets for one, and the other way round."""
     is_one = isinstance(dataset_id, str | Path)
     if is_one and weights is not None:
@@ -198,7 +180,6 @@ def _open(
     workers: int | None,
     progress: bool,
 ) -> Dataset:
-    """Opens one dataset, as `load` does."""
     request = parse_request(dataset_id, path)
     _check_view(request, observation, communication, rewards, side)
     found = cached(request)
@@ -219,17 +200,12 @@ def _open(
         warnings.warn(f"{stored.path}: {identity.sentence}.", kind, stacklevel=3)
     if (sentence := misnamed(stored.path, stored.manifest)) is not None:
         warnings.warn(f"{sentence}.", AnotherDatasetWarning, stacklevel=3)
-    dataset = _rewarded(dataset, rewards)
+    if isinstance(rewards, str) and ":" in rewards:
+        dataset = dataset.with_rewards(import_function(rewards))
+    elif rewards:
+        dataset = dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
     dataset = dataset.reobserve(observation, communication, progress=progress)
     return dataset if side is None else dataset.side(side)
-
-
-def _rewarded(dataset: Dataset, rewards: "RewardChoice | None") -> Dataset:
-    if isinstance(rewards, str) and ":" in rewards:
-        return dataset.with_rewards(import_function(rewards))
-    if not rewards:
-        return dataset
-    return dataset.with_rewards(**chosen_weights(rewards, dataset.task.rules))
 
 
 def _check_view(
@@ -288,20 +264,16 @@ def find_folder(name: str | Path) -> Path:
     return found.folder
 
 
-def known_references(spec: Spec) -> Reference | None:
-    """The anchors of the normalized score measured on exactly this spec, if there are any."""
-    found = None if spec.world is None else references_of(spec.world.hash())
-    return None if found is None else found.reference
-
-
 def references_for(
     origin: Origin, names: Container[str], rows: Callable[[str], Any]
 ) -> Reference | None:
-    """The anchors of a dataset's spec; none if its rewards are not those of its task.
+    """The anchors of a dataset's score; none if its rewards are not those of its task.
 
     `names` are those of its arrays; `rows` gives one from its first joint step on.
     """
-    known = known_references(origin.spec)
+    world = origin.spec.world
+    measured = None if world is None else references_of(world.hash())
+    known = None if measured is None else measured.reference
     if known is None or origin.recipe is not None:
         return known
     from swarmdata.datasets.task_rewards import are_of_task  # noqa: PLC0415  (rarely needed)

@@ -32,10 +32,7 @@ class Identity:
 
 
 def misnamed(folder: Path, manifest: Manifest) -> str | None:
-    """Says that a folder is named like another dataset than it holds; None if it is not.
-
-    In the cache, an id is looked for by the name of the folder.
-    """
+    """Says that a folder is named like another dataset than it holds; None if it is not."""
     name = folder.resolve().name
     if name == manifest.id or not is_id(name):
         return None
@@ -72,24 +69,21 @@ def _compared(manifest: Manifest, entry: Published) -> Identity:
     recipes = f"SHA-256 {manifest.recipe_hash[:12]}, published {entry.recipe_hash[:12]}"
     if same_recipe and was_built_here(manifest):
         return Identity("rebuilt", _rebuilt(manifest, entry, digests))
-    start = f"this is another dataset under the published name {manifest.id}"
     if same_arrays:
-        return Identity(
-            "another",
-            f"{start}: it has the published arrays, and a recipe that was not published "
-            f"({recipes}), so what the recipe says of task, tier and policies may be wrong",
+        what = (
+            "it has the published arrays, and a recipe that was not published "
+            f"({recipes}), so what the recipe says of task, tier and policies may be wrong"
         )
-    if same_recipe:
-        return Identity(
-            "another",
-            f"{start}: it has the published recipe, and arrays that were not published ({digests})."
-            " There is no record that they were built on this machine. They may have been changed, "
-            f"or built where the simulation gives other bits; its manifest says{_made(manifest)}",
+    elif same_recipe:
+        what = (
+            f"it has the published recipe, and arrays that were not published ({digests}). There "
+            "is no record that they were built on this machine. They may have been changed, or "
+            f"built where the simulation gives other bits; its manifest says{_made(manifest)}"
         )
-    return Identity(
-        "another",
-        f"{start}: neither arrays ({digests}) nor recipe ({recipes}) are those that were published",
-    )
+    else:
+        what = f"neither arrays ({digests}) nor recipe ({recipes}) are those that were published"
+    start = f"this is another dataset under the published name {manifest.id}"
+    return Identity("another", f"{start}: {what}")
 
 
 def _rebuilt(manifest: Manifest, entry: Published, digests: str) -> str:
@@ -107,6 +101,5 @@ def _rebuilt(manifest: Manifest, entry: Published, digests: str) -> str:
 
 
 def _made(manifest: Manifest) -> str:
-    """The versions in a manifest, in words."""
     made = ", ".join(f"{name} {version}" for name, version in sorted(manifest.provenance.items()))
     return f" that they were made with {made}" if made else " nothing about how they were made"

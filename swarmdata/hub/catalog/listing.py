@@ -2,17 +2,12 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from swarmdata.errors import DatasetError, SwarmdataError
 from swarmdata.registry.published import published, references
 from swarmdata.registry.tiers import Outline, outlines
 from swarmdata.runtime.cache_folder import MANIFEST, cache_folder
 from swarmdata.runtime.outside_names import is_id
-
-if TYPE_CHECKING:
-    from swarmdata.specs.recipe import Recipe
-    from swarmdata.specs.task_spec import TaskSpec
 
 
 @dataclass(frozen=True)
@@ -31,12 +26,8 @@ class DatasetInfo:
     is_cached: bool
 
 
-def dataset_folder(recipe: "Recipe") -> Path:
-    """Where the cache keeps the dataset of a recipe, whether it is there or not."""
-    return _dataset_folder(recipe.id)
-
-
-def _dataset_folder(dataset_id: str) -> Path:
+def dataset_folder(dataset_id: str) -> Path:
+    """Where the cache keeps a dataset, whether it is there or not."""
     return cache_folder() / "datasets" / dataset_id
 
 
@@ -48,7 +39,9 @@ def list_datasets() -> list[DatasetInfo]:
 def _info(dataset_id: str, outline: Outline) -> DatasetInfo:
     """Neither the recipe nor, of what is published, the spec is read: each takes milliseconds."""
     entry, anchors = published().get(dataset_id), references().get(outline.family)
-    known = entry or _spec_of(outline.family)
+    if entry is None:
+        from swarmdata.registry.presets import preset  # noqa: PLC0415  (only before publication)
+    known = entry or preset(outline.family)
     return DatasetInfo(
         id=dataset_id,
         task=known.task,
@@ -59,14 +52,8 @@ def _info(dataset_id: str, outline: Outline) -> DatasetInfo:
         n_bytes=entry.n_bytes if entry else None,
         score=anchors.score(entry.mean_return) if entry and anchors else None,
         digest=entry.digest if entry else None,
-        is_cached=(_dataset_folder(dataset_id) / MANIFEST).exists(),
+        is_cached=(dataset_folder(dataset_id) / MANIFEST).exists(),
     )
-
-
-def _spec_of(family: str) -> "TaskSpec":
-    from swarmdata.registry.presets import preset  # noqa: PLC0415  (only before publication)
-
-    return preset(family)
 
 
 def cached_ids(place: Path) -> list[str]:
@@ -79,10 +66,7 @@ def cached_ids(place: Path) -> list[str]:
 def own_datasets() -> tuple[list[DatasetInfo], list[str]]:
     """Returns the datasets in the cache that the package has no recipe of, by id.
 
-    Only manifests and recipes are read, which takes a millisecond for each.
-
-    Returns:
-        Them, and for each folder that is no usable dataset one sentence that says why.
+    Beside them, one sentence for each folder that is no usable dataset says why it is none.
     """
     place = cache_folder() / "datasets"
     found, problems = [], []

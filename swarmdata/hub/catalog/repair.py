@@ -1,8 +1,6 @@
 """Names all damage of a dataset's folder, card included, and replaces only what is broken.
 
-A broken file is fetched from a remote or made again from the recipe in a scratch folder, compared
-with the SHA-256 in the manifest, and swapped in with one rename. A lost manifest is fetched or made
-again; it is believed only where the published digests, or all the other files, agree with it.
+Whatever is fetched or made again must have the SHA-256 in the manifest; a rename swaps it in.
 """
 
 import sys
@@ -44,8 +42,7 @@ from swarmdata.store.damage import Damage, find_damage
 from swarmdata.store.recognition import is_dataset, no_dataset, root_attributes
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MADE_AGAIN = "made again from the recipe"
-"""The source of a file that was rebuilt, in words."""
+MADE_AGAIN = "made again from the recipe"  # the source of a file that was rebuilt, in words
 
 
 @dataclass(frozen=True)
@@ -57,11 +54,7 @@ class Repair:
 
 
 def find_blockers(folder: Path) -> tuple[str, ...]:
-    """Returns a sentence for each reason why a dataset may not be published anywhere.
-
-    The audit judges its files and its card; an id of the package means the same everywhere. That a
-    remote has another dataset of this version is for `Remote.publish` to say.
-    """
+    """Returns a sentence for each reason why a dataset may not be published anywhere."""
     try:
         problems = problems_of(folder)
         identity = judge(open_store(folder, "none", widths=True).manifest)
@@ -72,9 +65,6 @@ def find_blockers(folder: Path) -> tuple[str, ...]:
 
 def examine(path: Path) -> tuple[Damage, ...]:
     """Reads every byte of a dataset and names every broken file, its card included.
-
-    The card and the references are in no digest: they are compared with what this version of the
-    package writes.
 
     Raises:
         DatasetNotFoundError: there is no such folder.
@@ -88,11 +78,7 @@ def examine(path: Path) -> tuple[Damage, ...]:
 
 
 def repair(
-    path: Path,
-    *,
-    remotes: Sequence[str] = (),
-    workers: int | None = None,
-    progress: bool = True,
+    path: Path, *, remotes: Sequence[str] = (), workers: int | None = None, progress: bool = True
 ) -> tuple[Repair, ...]:
     """Replaces the broken files of a dataset and leaves the others as they are.
 
@@ -189,11 +175,7 @@ class _Job:
         yield read_manifest(self._built(origin)), MADE_AGAIN
 
     def _doubt(self, manifest: Manifest) -> str | None:
-        """Why a manifest is not believed, in words; None: it is the dataset's.
-
-        It is where every file here is the one that it lists; a published one also where most arrays
-        are. Where most are others, this is a dataset of the user's own, whatever its name.
-        """
+        """Why a manifest is not believed, in words; None: it is the dataset's."""
         other = next((f for f in manifest.files if not self._is_listed(manifest, f)), None)
         if other is None:
             return None
@@ -202,7 +184,7 @@ class _Job:
         names = [file for plan in manifest.plan.values() for file in plan.files]
         there = [file for file in names if (self.path / file).is_file()]
         differing = sum(not self._is_listed(manifest, file) for file in there)
-        if 2 * differing < len(there):
+        if 2 * differing < len(there):  # else it is a dataset of the user's own
             return None
         return f"{differing} of its {len(there)} arrays are not the published ones"
 
@@ -259,11 +241,8 @@ class _Job:
         return rebuild.edited(origin, self.path, out)
 
     def _origin(self, manifest: Manifest | None) -> Recipe | Edit:
-        """The origin beside the data if it is whole, else the shipped recipe of the same hash.
-
-        The manifest has the right hash; where it is lost, the attributes of the arrays have it.
-        """
-        attributes = root_attributes(self.path)
+        """The origin beside the data if it is whole, else the shipped recipe of the same hash."""
+        attributes = root_attributes(self.path)  # which have the hash where the manifest is lost
         known = attributes.get("recipe_hash") if manifest is None else manifest.recipe_hash
         name = attributes.get("id", self.path.resolve().name) if manifest is None else manifest.id
         data: object = None

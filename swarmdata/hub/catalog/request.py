@@ -66,10 +66,6 @@ def cached(request: Request) -> Found | None:
     """The dataset where it belongs on this machine, if it is there and finished.
 
     Which recipe a finished dataset was made from is for `open_store` to compare.
-
-    Raises:
-        RecipeConflictError: an unfinished dataset of another recipe is there.
-        DatasetError: the manifest is lost; the message says how to repair the dataset.
     """
     folder = request.folder
     if folder is None or lost_edit(folder) is not None:
@@ -102,11 +98,6 @@ def parse_request(name: str | Path, path: Path | str | None = None) -> Request:
 
     The id of a shipped recipe takes precedence over a folder of the same name. `path` is the folder
     of a shipped dataset that shall not be in the cache.
-
-    Raises:
-        AddressError: an empty name, or a malformed address.
-        SpecError: `path` with anything but a shipped id.
-        DatasetNotFoundError: `name` is a path, and no folder is there.
     """
     for each in (name, path):
         if each is not None and not str(each).strip():
@@ -154,8 +145,9 @@ def _request_of(
     if folder is not None:
         return Request(made_from.id, folder.parent, folder, "folder", made_from, make_recipe)
     place = cache_folder() / "datasets"
-    folder = place / made_from.id
-    return Request(made_from.id, place, folder, "cache", made_from, make_recipe)
+    return Request(
+        made_from.id, place, place / made_from.id, made_from=made_from, make_recipe=make_recipe
+    )
 
 
 def _published_id(name: str) -> str | None:

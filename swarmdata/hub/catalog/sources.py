@@ -1,8 +1,6 @@
 """From a request to a finished folder: the first of cache, remotes and rebuild that has it.
 
-What comes from a remote is checked beside its place and gets there in one rename. One process at a
-time fetches or builds, the others wait; a finished folder is used without a lock and without asking
-a remote.
+One process at a time fetches or builds; a finished folder needs neither a lock nor a remote.
 """
 
 import os
@@ -67,23 +65,13 @@ class Remotes:
 
     @property
     def asked(self) -> Sequence[str]:
-        """Addresses of the remotes that are asked.
-
-        Raises:
-            AddressError: a configured address is malformed.
-        """
+        """Addresses of the remotes that are asked."""
         if self.offline:
             return ()
         return configured_remotes() if self.addresses is None else self.addresses
 
     def pin(self, request: Request) -> Request:
-        """Asks which version or release is meant; `folder` stays None where there is none.
-
-        Raises:
-            AddressError: the request's address is of a whole remote.
-            DatasetNotFoundError: offline, and the dataset at the address is not in the cache.
-            HubError: the remote of the address could not be asked, or does not have it.
-        """
+        """Asks which version or release is meant; `folder` stays None where there is none."""
         if request.address is not None:
             return self._located(request, request.address)
         if request.folder is None and is_id(f"{request.text}-v0"):
@@ -93,20 +81,11 @@ class Remotes:
         return request
 
     def get(self, request: Request) -> Found | None:
-        """Fetches the dataset; an address is fetched from there or is an error.
-
-        Raises:
-            DiskFullError: there is no space for it.
-            HubError: the remote of the request's address failed.
-            DatasetError: what is at that address cannot be used.
-        """
+        """Fetches the dataset; an address is fetched from there or is an error."""
         folder = request.folder
         if folder is None or not is_vacant(folder):
             return None
         refuse = refusal(request.recipe)
-        if request.release is not None:
-            _arrive(*request.release, folder, refuse, self.progress)
-            return Found(folder, request.release[1].address)
 
         def fetch(remote: Remote, release: Release) -> Found:
             _arrive(remote, release, folder, refuse, self.progress)
@@ -114,6 +93,8 @@ class Remotes:
                 remove_parts(request.recipe, folder)
             return Found(folder, release.address)
 
+        if request.release is not None:
+            return fetch(*request.release)
         return self.first(folder.name if request.recipe is None else request.recipe.id, fetch)
 
     def first(self, dataset: str, use: Callable[[Remote, Release], T]) -> T | None:
@@ -169,12 +150,7 @@ class Rebuild:
     """Folders that this process holds the locks of, because it makes their datasets."""
 
     def get(self, request: Request) -> Found | None:
-        """Builds the dataset where it belongs; None where nothing says how.
-
-        Raises:
-            BuildError: it could not be built, or its folder cannot be written to.
-            DatasetNotFoundError: a parent was not found, or its digest has changed.
-        """
+        """Builds the dataset where it belongs; None where nothing says how."""
         folder = request.folder
         if folder is None:
             return None
@@ -201,11 +177,6 @@ class Rebuild:
         """Makes an edit again from its parents, which are found as `load` finds them.
 
         The caller holds the lock of the dataset's folder; the edit is made in `out`.
-
-        Raises:
-            DatasetNotFoundError: a parent was not found, or its digest has changed.
-            SpecError: a parent is made from the edit.
-            DatasetError: a parent cannot be used.
         """
         from swarmdata.building.edit import rebuild_edit  # noqa: PLC0415  (rarely needed)
 
@@ -227,14 +198,7 @@ class Rebuild:
 
 
 def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -> Found:
-    """Returns the dataset from the first source that has it; the last is a build.
-
-    Raises:
-        UnknownNameError: no source has it; the message names a command that may find it.
-        BuildError: it could not be built, or its folder cannot be written to.
-        DatasetError: what is in its folder cannot be used.
-        HubError: the dataset at the request's address could not be fetched.
-    """
+    """Returns the dataset from the first source that has it; the last is a build."""
     rebuild = rebuild or Rebuild(remotes, progress=remotes.progress)
     if (found := cached(request)) is not None:
         return found
@@ -270,13 +234,7 @@ def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
 
 
 def obtain_release(remote: Remote, release: Release, folder: Path, progress: bool = True) -> Path:
-    """Fetches a release to a folder, where it is not there yet, and returns the folder.
-
-    Raises:
-        ChecksumError: the release is another dataset than the one published under its id.
-        HubError: it could not be fetched.
-        DatasetError: something else is at `folder`, or the release cannot be used.
-    """
+    """Fetches a release to a folder, where it is not there yet, and returns the folder."""
     refuse_current_folder(folder)
     with locked(folder, progress):  # no other process may build or repair it meanwhile
         if not is_vacant(folder):  # it is compared, and not changed

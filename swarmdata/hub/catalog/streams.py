@@ -58,12 +58,7 @@ def open_streamed(
 
 
 def stream_request(request: Request, remotes: Remotes, stream: Stream) -> StreamedDataset:
-    """Opens a dataset for streaming; one that is on this machine is read from its folder, uncached.
-
-    Raises:
-        HubError: no remote has it, or the remote of its address failed.
-        DatasetError: what is there cannot be used.
-    """
+    """Opens a dataset for streaming; one on this machine is read from its folder, uncached."""
     found = cached(request)
     if found is None:
         request = remotes.pin(request)

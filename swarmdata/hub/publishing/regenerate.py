@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from tqdm import tqdm
 
@@ -24,13 +24,11 @@ from swarmdata.store.manifest import is_finished
 from swarmdata.store.publication import publication
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MINI_MARK = "-mini-v"
-"""In the ids of minis."""
+MINI_MARK = "-mini-v"  # in the ids of minis
 
 
-@dataclass(frozen=True)
-class Difference:
-    """One published value that was not found again."""
+class Difference(NamedTuple):
+    """One published value that was not found again: a row of the report."""
 
     dataset: str  # id
     what: str  # path of the value, such as `policies.expert-0.success`
@@ -51,9 +49,6 @@ def published_ids(names: Sequence[str] = (), *, minis: bool = False) -> tuple[st
     """Returns the published ids that names mean, in order; without names all.
 
     Names may lack the version. `minis` leaves out what is no mini.
-
-    Raises:
-        UnknownNameError: a name is not published; the message has the nearest.
     """
     known = published()
     chosen = [find_recipe(name).id if is_dataset(name) else name for name in names] or sorted(known)
@@ -72,10 +67,7 @@ def check(
     engine: str | Executor = LOCAL,
     progress: bool = True,
 ) -> Iterator[Check]:
-    """Makes published datasets again, one after the other, and compares them.
-
-    `failures` gets those that cannot be made or read. The other arguments are as of `make_again`.
-    """
+    """Makes published datasets again, as `make_again` does, and compares them."""
     entries, recipes = published(), shipped_recipes()
     for key in tqdm(ids, "datasets", unit="dataset", disable=None if progress else True):
         entry, recipe = entries[key], recipes.get(key)
@@ -103,12 +95,8 @@ def make_again(
 
     With `cached`, the copy in the cache is measured instead, after reading every byte, if there is
     one. `workers` and `engine` are as `build` takes them; all processes see the cache.
-
-    Raises:
-        BuildError: it could not be made.
-        DatasetError: the copy in the cache cannot be used.
     """
-    kept = dataset_folder(recipe)
+    kept = dataset_folder(recipe.id)
     if cached and is_finished(kept, recipe):
         return publication(open_store(kept, "full"))
     scratch = scratch_folder(cache_folder() / "checks" / recipe.id, "check")
@@ -149,8 +137,7 @@ def _shown(value: Any) -> str:
 def report(checks: Sequence[Check]) -> str:
     """Returns one table of all differences, then what else there is to say, as text."""
     found = [each for check in checks for each in check.differences]
-    rows = [("dataset", "what", "published", "found")] if found else []
-    rows += [(each.dataset, each.what, each.published, each.found) for each in found]
+    rows = [Difference._fields, *found] if found else []
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     lines = [
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -165,14 +152,7 @@ def report(checks: Sequence[Check]) -> str:
 
 
 def put_entries(path: Path, entries: Mapping[str, Any]) -> None:
-    """Replaces or adds keys of a JSON file, sorted, in one rename; a missing file is begun.
-
-    Processes that do so at the same time wait for one another, so no key is lost.
-
-    Raises:
-        SchemaError: the file is not a JSON object.
-        DatasetNotFoundError: its folder does not exist.
-    """
+    """Replaces or adds keys of a JSON file, sorted, in one rename; processes wait in turn."""
     if not path.parent.is_dir():
         raise DatasetNotFoundError(
             f"there is no folder {path.parent} for {path.name}. Run this in the repository, or say "

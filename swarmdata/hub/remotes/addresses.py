@@ -36,8 +36,7 @@ REMOTES = ComponentTable(
 )
 """Kinds of remotes by the scheme of their addresses."""
 
-_IP_LITERAL = re.compile(r"^\[[0-9A-Fa-f:.]+\]")
-"""An address of IPv6 in place of a host's name."""
+_IP_LITERAL = re.compile(r"^\[[0-9A-Fa-f:.]+\]")  # an address of IPv6 in place of a host's name
 
 _HUB_NAME = re.compile(r"[A-Za-z0-9_](?:[A-Za-z0-9._-]*[A-Za-z0-9_])?")
 
@@ -171,10 +170,6 @@ def configured_remotes() -> tuple[str, ...]:
 
     `SWARMDATA_REMOTES`, separated by commas, where it is set, even if empty; else those of the
     user's `remotes.yaml`; else none.
-
-    Raises:
-        AddressError: one of them is malformed, or the file is.
-        UnknownNameError: one has an unknown scheme.
     """
     named = os.environ.get("SWARMDATA_REMOTES")
     if named is None:
@@ -183,11 +178,7 @@ def configured_remotes() -> tuple[str, ...]:
 
 
 def stored_remotes() -> tuple[str, ...]:
-    """The remotes in the user's `remotes.yaml`, in order; none if there is no such file.
-
-    Raises:
-        AddressError: the file or an address in it is malformed.
-    """
+    """The remotes in the user's `remotes.yaml`, in order; none if there is no such file."""
     path = config_file()
     if not path.exists():
         return ()
@@ -204,12 +195,7 @@ def stored_remotes() -> tuple[str, ...]:
 
 
 def store_remotes(change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Path:
-    """Changes the user's `remotes.yaml` in one step, while it is locked, and returns its path.
-
-    Raises:
-        AddressError: the file or an address in it is malformed.
-        BuildError: it cannot be written.
-    """
+    """Changes the user's `remotes.yaml` in one step, while it is locked, and returns its path."""
     path = config_file()
     with locked(path, shown=False):
         text = yaml.safe_dump({"remotes": list(change(stored_remotes()))}, sort_keys=False)

@@ -16,25 +16,20 @@ class Release:
 
 
 class Remote(Protocol):
-    """Datasets in one place; may be used from several threads at once."""
+    """Datasets in one place; may be used from several threads at once.
+
+    All methods raise HubError where the remote could not be asked.
+    """
 
     address: str
     """Such as `hf://org`, `s3://bucket/prefix`, `file:///folder`, `https://host/folder`."""
 
     def find(self, dataset_id: str) -> Release | None:
-        """Looks for an exact, versioned id; None if the remote does not have it.
-
-        Raises:
-            HubError: the remote could not be asked.
-        """
+        """Looks for an exact, versioned id; None if the remote does not have it."""
         ...
 
     def ids(self) -> tuple[str, ...]:
-        """Every id there, sorted.
-
-        Raises:
-            HubError: the remote could not be asked.
-        """
+        """Every id there, sorted."""
         ...
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
@@ -60,7 +55,7 @@ class Remote(Protocol):
         Raises:
             VersionTakenError: another dataset has this id there.
             ConflictError: someone else published to the same place meanwhile.
-            HubError: the remote could not be asked, or is read only.
+            HubError: the remote is read only.
         """
         ...
 
@@ -74,19 +69,11 @@ class PartRemote(Remote, Protocol):
     """
 
     def part_files(self, folder: str) -> tuple[str, ...]:
-        """The names of the files in a folder, sorted; none if there is no such folder.
-
-        Raises:
-            HubError: the remote could not be asked.
-        """
+        """The names of the files in a folder, sorted; none if there is no such folder."""
         ...
 
     def send_part_file(self, folder: str, name: str, content: bytes) -> None:
-        """Writes a file, which appears whole or not at all; one of the same name is replaced.
-
-        Raises:
-            HubError: it could not be sent.
-        """
+        """Writes a file, which appears whole or not at all; one of the same name is replaced."""
         ...
 
 

@@ -1,7 +1,7 @@
 """Pulling a dataset: manifest first, every file checked on the way in, visible at once or never."""
 
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -25,11 +25,9 @@ from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES, FileEntry, Manifest, read_manifest
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-N_WORKERS = 4
-"""Files fetched at a time."""
+N_WORKERS = 4  # files fetched at a time
 
-BAR_SECONDS = 0.5
-"""Seconds between two looks at how much has arrived."""
+BAR_SECONDS = 0.5  # seconds between two looks at how much has arrived
 
 Refusal = Callable[[Manifest], str | None]
 """Why a dataset of this manifest is not wanted, None if it is."""
@@ -48,13 +46,10 @@ def pull(
 ) -> Path:
     """Fetches a release into a new folder and returns the folder; a folder that has it is left.
 
-    Only what the manifest lists is fetched. The card and the references are in no digest, so they
-    are taken from nobody: `cards.side_files.finish` writes them from the other files.
-
-    Files are collected and checked beside the folder, in `scratch_folder(folder, "pull")`; the
-    folder appears in one rename, when all of them are on the disk. Kill the process at any time and
-    call again: finished files are kept. Where another process pulls to the same folder, this one
-    waits for it.
+    Only what the manifest lists is fetched; card and references, which are in no digest, are taken
+    from nobody. Files are collected and checked beside the folder, in `scratch_folder(folder,
+    "pull")`, and the folder appears in one rename. Kill the process at any time and call again:
+    finished files are kept. Where another process pulls to the same folder, this one waits for it.
 
     Raises:
         ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
@@ -90,11 +85,7 @@ def pull(
 
 
 def refuse_current_folder(folder: Path) -> None:
-    """A dataset appears in one rename, which cannot replace the current folder of a process.
-
-    Raises:
-        DatasetError: it is the current folder, and no dataset yet.
-    """
+    """A dataset appears in one rename, which cannot replace the current folder of a process."""
     whole = folder.resolve()
     if whole == Path.cwd() and beside(whole) != whole and not (whole / MANIFEST).exists():
         raise DatasetError(
@@ -172,18 +163,9 @@ def _incoming_manifest(
 
 
 def fetch_manifest(remote: Remote, release: Release, folder: Path, refuse: Refusal) -> Manifest:
-    """Fetches the manifest to a folder and checks it, also with the caller's `refuse`.
-
-    Raises:
-        ChecksumError: `refuse` has a reason against it, or the remote gave wrong bytes, twice.
-        FormatVersionError: a newer format.
-        HubError: it could not be fetched, or lists what it must not.
-    """
+    """Fetches the manifest to a folder and checks it, also with the caller's `refuse`."""
     manifest = _read_manifest(remote, release, folder)
-    problems = contradictions(manifest)
-    if manifest.id != release.id:
-        problems = (f"it is the manifest of {manifest.id}", *problems)
-    if problems:
+    if problems := contradictions(manifest, release.id):
         raise HubError(
             f"the manifest of {release.address} is refused: {'; '.join(problems)}. "
             "Pull from another remote, and tell whoever publishes there."
@@ -233,8 +215,9 @@ def _check_same(folder: Path, incoming: Path) -> None:
 
 
 def _check_space(manifest: Manifest, scratch: Path, release: Release) -> None:
-    sizes: Mapping[str, int] = {name: entry.size for name, entry in manifest.files.items()}
-    needed = sum(size for name, size in sizes.items() if not (scratch / name).exists())
+    needed = sum(
+        entry.size for name, entry in manifest.files.items() if not (scratch / name).exists()
+    )
     free = shutil.disk_usage(scratch).free
     if needed > free:
         raise DatasetError(

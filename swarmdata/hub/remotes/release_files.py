@@ -15,38 +15,31 @@ SIDE_FILES = (CARD, REFERENCES)
 
 
 def published_files(folder: Path, dataset_id: str) -> tuple[str, ...]:
-    """Every file of a finished dataset, those of the arrays first and the manifest last.
-
-    Raises:
-        DatasetError: the manifest cannot be read, is of another id, or names what it must not.
-    """
+    """Every file of a finished dataset, those of the arrays first and the manifest last."""
     manifest = read_manifest(folder)
-    problems = contradictions(manifest)
-    if manifest.id != dataset_id:
-        problems = (f"it is of {manifest.id}, not of {dataset_id}", *problems)
-    if problems:
+    if problems := contradictions(manifest, dataset_id):
         raise ManifestError(f"{folder / MANIFEST} cannot be published: {'; '.join(problems)}.")
     side = [name for name in SIDE_FILES if (folder / name).is_file()]
     return (*sorted(manifest.files), *side, MANIFEST)
 
 
 def files_to_publish(folder: Path, dataset_id: str, beside: Path | None) -> dict[str, Path]:
-    """Every file to publish by its path there, the manifest last; errors of `published_files`."""
+    """Every file to publish by its path there, the manifest last."""
     own = {name: folder / name for name in published_files(folder, dataset_id)}
     paths = sorted(beside.rglob("*")) if beside is not None else []
     more = {path.relative_to(str(beside)).as_posix(): path for path in paths if path.is_file()}
     return more | own
 
 
-def contradictions(manifest: Manifest) -> tuple[str, ...]:
-    """What speaks against fetching what a manifest lists, before any of it is fetched."""
-    names = unsafe_names([*manifest.files, *SIDE_FILES, MANIFEST])
-    if names:
-        return names
-    shards = {name: entry.shard for name, entry in manifest.arrays.items()}
+def contradictions(manifest: Manifest, dataset_id: str) -> list[str]:
+    """What speaks against fetching what the manifest of an id lists, before any is fetched."""
     problems = []
-    differing = misplaced_files(shards, manifest.files)
-    if differing:
+    if manifest.id != dataset_id:
+        problems.append(f"it is the manifest of {manifest.id}, not of {dataset_id}")
+    if names := unsafe_names([*manifest.files, *SIDE_FILES, MANIFEST]):
+        return [*problems, *names]
+    shards = {name: entry.shard for name, entry in manifest.arrays.items()}
+    if differing := misplaced_files(shards, manifest.files):
         problems.append(f"files {differing} are listed without their array or absent")
     sizes = {
         file: shard.file_bytes(index)
@@ -60,15 +53,11 @@ def contradictions(manifest: Manifest) -> tuple[str, ...]:
             problems.append(
                 f"{name} is listed with {entry.size} bytes, expected <= {MAX_MANIFEST_BYTES}"
             )
-    return tuple(problems)
+    return problems
 
 
 def check_size(file: str, found: int | None, most: int) -> None:
-    """Refuses a published file that has, or may have (None), more bytes than its manifest lists.
-
-    Raises:
-        HubError: it has.
-    """
+    """Refuses a published file that has, or may have (None), more bytes than its manifest lists."""
     if found is None or found > most:
         raise HubError(
             f"{file} has {found} bytes, expected at most {most:,}. It is not the file that the "
@@ -102,19 +91,11 @@ def push(
 ) -> Release:
     """Publishes a finished dataset and returns where it is.
 
-    A published version never changes. After an interruption, push again: nothing was visible, and
-    what the remote has received already is not sent twice where it can tell.
-
-    Args:
-        folder: the dataset's.
-        remote: where to.
-        gate: returns the reasons against publishing, none if it may be.
-        beside: writes more files to publish with it, of the dataset in the first folder into the
-            second; see `Remote.publish`.
+    `gate` returns the reasons against it. `beside` writes more files to publish with the dataset in
+    the first folder into the second.
 
     Raises:
         GateError: there are reasons; the message lists all of them.
-        DatasetError: the manifest cannot be read.
         HubError: as `Remote.publish` says.
     """
     reasons = tuple(gate(folder))

@@ -43,16 +43,11 @@ def locate(address: str) -> tuple[Remote, Release]:
 
 
 def find_release(
-    dataset_id: str,
-    addresses: Sequence[str],
-    report: Callable[[str], None] = lambda problem: None,
+    dataset_id: str, addresses: Sequence[str], report: Callable[[str], None] = lambda problem: None
 ) -> tuple[Remote, Release]:
     """Asks remotes for an exact id, in order, and returns the first that has it.
 
     `report` is called with what went wrong at a remote that is then passed over.
-
-    Raises:
-        HubError: none has it; the message says which could not be asked.
     """
     failures = []
     for address in addresses:

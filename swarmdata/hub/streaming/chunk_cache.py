@@ -7,20 +7,16 @@ from typing import Any
 
 from swarmdata.runtime.atomic import TEMPORARY_PREFIX, write_file
 
-SUFFIX = ".chunk"
-"""Of the files of chunks."""
+SUFFIX = ".chunk"  # of the files of chunks
 
-SCANS = 16
-"""How often all files are looked at while as many bytes are written as the bound allows."""
+SCANS = 16  # how often all files are looked at while as many bytes are written as the bound allows
 
 
 class ChunkCache:
     """Chunks in files of their own; those that were not read for longest are deleted first.
 
-    Several processes may share a folder: a file appears whole or not at all, and one that another
-    process deletes is fetched again. Each process looks at the files of the others now and then, so
-    that each may exceed the bound by a part in `SCANS`. Contents are for the caller to check. The
-    bound of 0 bytes keeps none.
+    Several processes may share a folder; each may exceed the bound by a part in `SCANS`. Contents
+    are for the caller to check. The bound of 0 bytes keeps none.
     """
 
     def __init__(self, folder: Path, most_bytes: int) -> None:
@@ -44,11 +40,7 @@ class ChunkCache:
         return content
 
     def write(self, key: str, content: bytes) -> None:
-        """Keeps a chunk of a path such as `<digest>/actions/3`, and deletes others if need be.
-
-        Raises:
-            DiskFullError: no space is left.
-        """
+        """Keeps a chunk of a path such as `<digest>/actions/3`, and deletes others if need be."""
         if len(content) > self._most_bytes:
             return
         with self._lock:

@@ -23,11 +23,9 @@ from swarmdata.store import EpisodeTable, Manifest
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Int
 
-BLOCK_STEPS = 10_000
-"""Joint steps of a block, about those of a chunk."""
+BLOCK_STEPS = 10_000  # joint steps of a block, about those of a chunk
 
-N_FETCHERS = 4
-"""Arrays of a block that are fetched at a time."""
+N_FETCHERS = 4  # arrays of a block that are fetched at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +71,7 @@ class EpisodeBlocks:
         return np.searchsorted(self.firsts, episodes, side="right") - 1
 
     def rows(self, number: int, name: str) -> NDArray[Any]:
-        """Returns the rows of an array in an episode; errors are those of `RemoteArrays.rows`."""
+        """Returns the rows of an array in an episode."""
         block = int(self.block_of(number))
         held = self._last.get(block, {})
         if name not in held:
@@ -87,7 +85,7 @@ class EpisodeBlocks:
         return held[name][first : first + n_rows]
 
     def read(self, block: int, names: Sequence[str]) -> dict[str, NDArray[Any]]:
-        """Returns the rows of a block in some arrays over time; errors are those of `rows`."""
+        """Returns the rows of a block in some arrays over time."""
         if self.spec is None:
             return self._recorded(block, names)
         wanted = {*names} - {*OBSERVED_ARRAYS}

@@ -37,12 +37,7 @@ class RemoteArrays:
         return np.dtype(self.manifest.plan[name].shard.dtype)
 
     def rows(self, name: str, first: int, last: int) -> NDArray[Any]:
-        """Returns the rows of an array from `first` to before `last`, in memory.
-
-        Raises:
-            HubError: a chunk could not be fetched.
-            ChecksumError: the remote gave wrong bytes, twice.
-        """
+        """Returns the rows of an array from `first` to before `last`, in memory."""
         shard = self.manifest.plan[name].shard
         rows = np.empty((last - first, *shard.shape[1:]), dtype=shard.dtype)
         if not rows.size:
@@ -56,7 +51,7 @@ class RemoteArrays:
         return rows
 
     def chunk(self, name: str, index: int) -> bytes:
-        """Returns the bytes of one chunk; errors are those of `rows`."""
+        """Returns the bytes of one chunk, from the cache or the remote; both are checked."""
         key = f"{self.manifest.transport_digest[:32]}/{name}/{index}"
         checksum = self.manifest.arrays[name].checksums[index]
         content = self.cache.read(key)

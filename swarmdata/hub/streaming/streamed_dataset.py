@@ -26,8 +26,7 @@ from swarmdata.store.arrays.running_moments import Moments as RunningMoments
 from swarmdata.store.stored_dataset import check_listing, check_spec, read_origin, read_table
 from swarmdata.types import Double, Int, shortened
 
-STREAMS = "streams"
-"""Folder of chunks in the cache."""
+STREAMS = "streams"  # folder of chunks in the cache
 
 N_MEASURED_BLOCKS = 16
 """Blocks on which the observations of other sensors are measured to normalize them."""
@@ -154,11 +153,6 @@ def open_stream(
     """Opens a release without fetching it.
 
     Manifest, recipe and episode table are fetched and checked as those of a pulled dataset are.
-
-    Raises:
-        ChecksumError: `refuse` has a reason against it, or the remote gives wrong bytes.
-        HubError: the remote gives only whole files, could not be asked, or gave what it must not.
-        DatasetError: its parts contradict each other.
     """
     if not isinstance(remote, RangeReader):
         raise HubError(

@@ -27,8 +27,7 @@ BATCH_ARRAYS = (
 class BlockMemory:
     """Blocks in memory, each in a slot of the same arrays, so that one gather reads all of them.
 
-    Slots have the rows of the largest block. A slot holds as many step rows and episodes as every
-    other, so that the row of a state is still that of its step and the number of its episode on.
+    All slots have the size of the largest block: a state is still its step plus its episode on.
     """
 
     def __init__(self, blocks: EpisodeBlocks, selection: Int, n_slots: int) -> None:

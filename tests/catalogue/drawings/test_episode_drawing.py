@@ -11,12 +11,7 @@ from swarmdata.envs.coop_nav.coop_nav import CoopNav
 from swarmdata.envs.render.targets import targets_of
 from swarmdata.envs.search.search_rules import SearchRules
 from swarmdata.registry.appearance import Appearance
-from swarmdata.registry.components import (
-    TASKS,
-    appearance_of,
-    make_env,
-    make_policy,
-)
+from swarmdata.registry.components import TASKS, appearance_of, make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, robots_of

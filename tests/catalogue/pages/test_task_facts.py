@@ -10,13 +10,13 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.runtime.batches import Failures
 from swarmdata.types import Column
 from tests.support.image_world import record_images
+from tests.support.tiny import TINY
 
 
 def entry_of(name: str) -> Entry:
     return Entry(
-        id="x-v1", tier="medium", spec=preset(name), kind="simulated", n_steps=1, n_episodes=1,
-        n_bytes=1, mean_return=0.0, success=0.0, clean_success=0.0, score=0.0, collisions=None,
-        policies=(), license="cc-by-4.0", digest=None, card=None, dataset=None,
+        "x-v1", TINY.model_copy(update={"spec": preset(name)}), 1, 1, 1, 0.0, 0.0, 0.0, None, None,
+        None, None,
     )  # fmt: skip
 
 
@@ -47,10 +47,7 @@ def test_a_recording_says_what_its_author_does(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("names", "text"),
     [
-        (
-            "own.x own.y by_0.dx by_0.dy by_1.dx by_1.dy up",
-            "own: x, y; 2 × by: dx, dy; up",
-        ),
+        ("own.x own.y by_0.dx by_0.dy by_1.dx by_1.dy up", "own: x, y; 2 × by: dx, dy; up"),
         ("robot_0.known_0 robot_0.known_1 robot_1.known_0", "2 × robot: known_*"),
     ],
 )

@@ -25,21 +25,9 @@ def test_the_sample_has_the_size_asked_for_in_stored_order(
     assert len(choose_episodes(table, None)) == len(kinds)
 
 
-def test_every_kind_has_its_share() -> None:
+def test_every_kind_has_its_share_and_is_spread_over_the_dataset() -> None:
     table = episode_table(1000, policy=[0] * 600 + [1] * 390 + [2] * 10)
-
-    found = choose_episodes(table, 100)
-
-    assert np.bincount(table.policy[found]).tolist() == [60, 39, 1]
-
-
-def test_a_rare_outcome_is_not_lost() -> None:
-    table = episode_table(1000, end_reason=[0] * 999 + [1])
-
-    assert 999 in choose_episodes(table, 10)
-
-
-def test_the_sample_is_spread_over_the_dataset() -> None:
-    found = choose_episodes(episode_table(100), 10)
-
-    assert found.tolist() == list(range(0, 100, 10))
+    assert np.bincount(table.policy[choose_episodes(table, 100)]).tolist() == [60, 39, 1]
+    rare = episode_table(1000, end_reason=[0] * 999 + [1])
+    assert 999 in choose_episodes(rare, 10)
+    assert choose_episodes(episode_table(100), 10).tolist() == list(range(0, 100, 10))

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from docs.site.ablations import ABLATIONS
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.study.plan import Baseline, Study
-from swarmdata.registry.ablations import ABLATIONS
 from swarmdata.registry.recipes import is_dataset
 from tests.evaluation.study.conftest import Make
 

@@ -174,10 +174,7 @@ def test_what_a_remote_lacks_is_built(
     flip(dataset / ACTIONS, 40)
     with pytest.warns(RemoteSkippedWarning, match="wrong bytes"):
         done = repair(dataset, remotes=offer(monkeypatch, shelf), progress=False)
-    assert {each.file: each.how.split()[0] for each in done} == {
-        ACTIONS: "fetched",
-        STATES: "made",
-    }
+    assert {each.file: each.how.split()[0] for each in done} == {ACTIONS: "fetched", STATES: "made"}
     assert contents(dataset) == before
 
 
@@ -188,9 +185,7 @@ def test_other_bits_than_were_written_are_not_swapped_in(
     flip(dataset / STATES, 40)
     before = contents(dataset)
     monkeypatch.setattr(
-        repair_module,
-        "build",
-        lambda recipe, out, **options: make_tiny(out, seed=8),
+        repair_module, "build", lambda recipe, out, **options: make_tiny(out, seed=8)
     )
     with pytest.raises(DatasetError, match=r"states/c.0.0 .* other bytes than were written"):
         repair(dataset, progress=False)

@@ -151,12 +151,7 @@ def test_the_environment_says_offline(monkeypatch: pytest.MonkeyPatch, name: str
     ],
 )
 def test_where_every_remote_is_skipped_it_is_rebuilt(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    tiny: Path,
-    other: Path,
-    fault: str,
-    said: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, tiny: Path, other: Path, fault: str, said: str
 ) -> None:
     """Where no digest is published, the recipe must be the same."""
     there = other if fault == "of another recipe" else tiny
@@ -283,15 +278,10 @@ class HubShelf(Shelf):
 
 
 @pytest.mark.parametrize(
-    ("revision", "requests"),
-    [("@v3", 0), (f"@{'5' * 40}", 0), ("@main", 1), ("", 1)],
+    ("revision", "requests"), [("@v3", 0), (f"@{'5' * 40}", 0), ("@main", 1), ("", 1)]
 )
 def test_what_is_pinned_on_a_hub_needs_no_request_when_warm(
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    foreign: Path,
-    revision: str,
-    requests: int,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, foreign: Path, revision: str, requests: int
 ) -> None:
     shelf = HubShelf(tmp_path / "1", foreign)
     monkeypatch.setattr(sources, "locate", shelf.at)

@@ -82,7 +82,7 @@ def test_the_same_again_is_no_difference(
 
     assert found == Check(TINY.id, (), ())
     assert not (cache_folder / "checks").exists()
-    assert not dataset_folder(TINY).exists()
+    assert not dataset_folder(TINY.id).exists()
     assert report([found]) == "1 datasets checked, none with differences\n"
 
 
@@ -147,7 +147,7 @@ def test_the_cache_is_used_only_if_asked_for(
     monkeypatch: pytest.MonkeyPatch, entry: Published
 ) -> None:
     publish(monkeypatch, {TINY.id: entry})
-    kept = build(TINY, dataset_folder(TINY), workers=1, progress=False)
+    kept = build(TINY, dataset_folder(TINY.id), workers=1, progress=False)
     built = []
 
     def counted(recipe: Recipe, out: Path, **options: Any) -> Path:

@@ -18,6 +18,8 @@ from tests.hub.remotes.static_host import StaticHost
 from tests.support.tiny import contents
 
 ID, NEXT = "coop_nav-synthetic-v0", "coop_nav-synthetic-v1"
+ARRAY = "data.zarr/observations/c.0.0.0"
+NAME = "org/coop_nav-synthetic"  # on a Hub
 TOKEN = "hf_" + "s3cret" * 6
 
 

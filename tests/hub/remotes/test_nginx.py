@@ -14,7 +14,7 @@ from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.store.scratch import scratch_folder
 from tests.hub.remotes import nginx
-from tests.hub.remotes.conftest import ID, is_pulled
+from tests.hub.remotes.conftest import ARRAY, ID, is_pulled
 from tests.hub.remotes.nginx import Nginx
 
 pytestmark = [
@@ -22,7 +22,6 @@ pytestmark = [
     pytest.mark.skipif(nginx.missing() is not None, reason=nginx.missing() or ""),
 ]
 
-ARRAY = "data.zarr/observations/c.0.0.0"
 Serve = Callable[..., Nginx]
 
 

@@ -17,18 +17,9 @@ def test_every_reason_is_told(tmp_path: Path, dataset: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_through_the_gate(tmp_path: Path, dataset: Path) -> None:
-    remote, asked = FolderRemote(f"file://{tmp_path}"), list[Path]()
-
-    def gate(folder: Path) -> tuple[str, ...]:
-        asked.append(folder)
-        return ()
-
-    assert push(dataset, remote, gate).id == ID
-    assert asked == [dataset]
-
-
-def test_an_unfinished_dataset(tmp_path: Path) -> None:
+def test_what_the_gate_passes_is_sent_if_it_is_a_dataset(tmp_path: Path, dataset: Path) -> None:
+    remote = FolderRemote(f"file://{tmp_path}")
+    assert push(dataset, remote, lambda folder: ()).id == ID
     (tmp_path / "ds").mkdir()
     with pytest.raises(DatasetNotFoundError):
-        push(tmp_path / "ds", FolderRemote(f"file://{tmp_path}"), lambda folder: ())
+        push(tmp_path / "ds", remote, lambda folder: ())

@@ -29,8 +29,7 @@ from tests.support.tiny import flip
 
 ID = "coop_nav-synthetic-v0"
 OTHER_ID = "coop_nav-other-v0"
-LENGTHS = [[30, 10, 70, 40, 20, 55, 5, 60, 25, 35, 80, 15, 45, 50, 65]]
-"""605 joint steps."""
+LENGTHS = [[30, 10, 70, 40, 20, 55, 5, 60, 25, 35, 80, 15, 45, 50, 65]]  # 605 joint steps
 WEIGHTS = [3, 1]
 
 
@@ -264,16 +263,6 @@ def test_chunks_are_kept_and_checked_again(
     flip(chunk, 9)
     assert_same(next(stream(host, window=100).sampler(64)), next(whole.sampler(64)))
     assert sum("observations" in line for line in host.log) == 1
-
-
-@pytest.mark.slow
-def test_the_cache_is_bounded(host: StaticHost, whole: Dataset, cache_folder: Path) -> None:
-    bound = 40_000
-    sampler, expected = stream(host, window=100, cache_bytes=bound).sampler(64), whole.sampler(64)
-    assert_same(next(sampler), next(expected))
-    kept = sum(path.stat().st_size for path in cache_folder.rglob("*.chunk"))
-    largest = 16 * 2 * 15 * 4
-    assert bound / 2 < kept <= bound + episode_blocks.N_FETCHERS * largest  # threads write at once
 
 
 def test_recorded_states_are_observed_again_block_by_block(tiny: Path, tmp_path: Path) -> None:

@@ -1,8 +1,6 @@
-"""Croissant, the JSON-LD that dataset search engines and conferences ask for, written by hand.
+"""Croissant, the JSON-LD that dataset search engines and conferences ask for.
 
-Croissant format specification 1.1 and its RAI extension 1.0 (MLCommons). Every file is listed with
-its SHA-256, so that a reader notices a changed one, and the episode table is a record set. The text
-is a pure function of the dataset's files: no dates of its own.
+Croissant format specification 1.1 and its RAI extension 1.0 (MLCommons), without dates of its own.
 """
 
 import hashlib
@@ -12,10 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.hub.publishing.metadata.episode_parquet import (
-    EPISODE_COLUMNS,
-    EPISODES_FILE,
-)
+from swarmdata.hub.publishing.metadata.episode_parquet import EPISODE_COLUMNS, EPISODES_FILE
 from swarmdata.registry.published import license_of
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST
@@ -31,50 +26,31 @@ LICENSES = {
 }
 """Addresses of the licenses by the Hub's names for them."""
 
-_CONTEXT = {
+_OF_CROISSANT = (
+    "arrayShape", "citeAs", "column", "containedIn", "equivalentProperty", "extract", "field",
+    "fileObject", "fileProperty", "fileSet", "format", "includes", "isArray", "isLiveDataset",
+    "jsonPath", "key", "md5", "parentField", "path", "recordSet", "references", "regex", "repeated",
+    "replace", "samplingRate", "separator", "source", "subField", "transform",
+)  # fmt: skip
+"""Terms that only have Croissant's prefix."""
+
+_OTHERS = {
     "@language": "en",
     "@vocab": "https://schema.org/",
-    "arrayShape": "cr:arrayShape",
-    "citeAs": "cr:citeAs",
-    "column": "cr:column",
     "conformsTo": "dct:conformsTo",
-    "containedIn": "cr:containedIn",
     "cr": "http://mlcommons.org/croissant/",
     "data": {"@id": "cr:data", "@type": "@json"},
     "dataType": {"@id": "cr:dataType", "@type": "@vocab"},
     "dct": "http://purl.org/dc/terms/",
     "description": {"@container": "@language"},
-    "equivalentProperty": "cr:equivalentProperty",
     "examples": {"@id": "cr:examples", "@type": "@json"},
-    "extract": "cr:extract",
-    "field": "cr:field",
-    "fileObject": "cr:fileObject",
-    "fileProperty": "cr:fileProperty",
-    "fileSet": "cr:fileSet",
-    "format": "cr:format",
-    "includes": "cr:includes",
-    "isArray": "cr:isArray",
-    "isLiveDataset": "cr:isLiveDataset",
-    "jsonPath": "cr:jsonPath",
-    "key": "cr:key",
-    "md5": "cr:md5",
     "name": {"@container": "@language"},
-    "parentField": "cr:parentField",
-    "path": "cr:path",
     "prov": "http://www.w3.org/ns/prov#",
     "rai": "http://mlcommons.org/croissant/RAI/",
-    "recordSet": "cr:recordSet",
-    "references": "cr:references",
-    "regex": "cr:regex",
-    "repeated": "cr:repeated",
-    "replace": "cr:replace",
-    "samplingRate": "cr:samplingRate",
     "sc": "https://schema.org/",
-    "separator": "cr:separator",
-    "source": "cr:source",
-    "subField": "cr:subField",
-    "transform": "cr:transform",
 }
+
+_CONTEXT = dict(sorted({**{term: f"cr:{term}" for term in _OF_CROISSANT}, **_OTHERS}.items()))
 """The context of Croissant 1.1, which validators compare word by word, and PROV."""
 
 _SPLIT_KINDS = {
@@ -104,7 +80,10 @@ def croissant(dataset: Dataset, tables: Mapping[str, bytes]) -> bytes:
         "description": _description(dataset),
         "version": f"{dataset.id.rpartition('-v')[2]}.0.0",
         "license": LICENSES.get(license_of(dataset.recipe), license_of(dataset.recipe)),
-        "creator": {"@type": "Organization", "name": _author(dataset)},
+        "creator": {
+            "@type": "Organization",
+            "name": (recipe.metadata or {}).get("author", "swarmdata"),
+        },
         "citeAs": _citation(dataset),
         "keywords": [
             "offline reinforcement learning",
@@ -118,10 +97,6 @@ def croissant(dataset: Dataset, tables: Mapping[str, bytes]) -> bytes:
         **({"recordSet": _record_sets()} if EPISODES_FILE in tables else {}),
     }
     return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"
-
-
-def _author(dataset: Dataset) -> str:
-    return (dataset.recipe.metadata or {}).get("author", "swarmdata")
 
 
 def _description(dataset: Dataset) -> str:
@@ -140,11 +115,7 @@ def _citation(dataset: Dataset) -> str:
 
 
 def _responsible(dataset: Dataset) -> dict[str, Any]:
-    """The fields of the RAI extension and of PROV that conferences ask for.
-
-    Only a recipe is known to be of a simulator, and logs of robots; of what others recorded or
-    converted, nothing is claimed that its author has not said.
-    """
+    """The fields of the RAI extension and of PROV; nothing is claimed that the origin lacks."""
     origin = dataset.recipe
     labels = ", ".join(source.label for source in origin.policies)
     made_by = {"recipe": "Recorded in simulation", "logs": "Imported from logs of robots"}

@@ -10,8 +10,7 @@ from swarmdata.runtime.extras import require_extra
 from swarmdata.store import SPLITS
 from swarmdata.types import END_REASONS
 
-EPISODES_FILE = "episodes.parquet"
-"""The table of all episodes, beside the dataset's files."""
+EPISODES_FILE = "episodes.parquet"  # the table of all episodes, beside the dataset's files
 
 EPISODE_COLUMNS = {
     "episode": "number in stored order",

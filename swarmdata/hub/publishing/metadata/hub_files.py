@@ -29,14 +29,11 @@ SIZE_CATEGORIES = (
 )
 """The Hub's size categories, by joint steps below."""
 
-README_FILE = "README.md"
-"""What the Hub shows of a repository."""
+README_FILE = "README.md"  # what the Hub shows of a repository
 
-_DTYPES = {"double": "float64"}
-"""Names of `datasets` for types of Arrow, where they differ."""
+_DTYPES = {"double": "float64"}  # names of `datasets` for types of Arrow, where they differ
 
-EPISODES_CONFIG = "episodes"
-"""Name of the configuration that the Hub's viewer shows."""
+EPISODES_CONFIG = "episodes"  # name of the configuration that the Hub's viewer shows
 
 
 def metadata_files(folder: Path) -> dict[str, bytes]:
@@ -78,12 +75,7 @@ def _parts(dataset: Dataset, table: Any) -> dict[str, Any]:
 def hub_card(folder: Path) -> str:
     """Returns the README.md of a dataset's repository: its card, with what the Hub reads in front.
 
-    The card's own front matter is kept; license, tags, categories and sizes are added where it has
-    none, and the configuration of the episode tables where pyarrow is installed.
-
-    Raises:
-        MissingFileError: the dataset has no card.
-        SchemaError: the card's front matter is not YAML.
+    The card's own front matter is kept; what it lacks is added.
     """
     dataset = Dataset.open(folder)
     front, text = _parsed(dataset.card, dataset.path)
@@ -127,7 +119,6 @@ def _configuration(dataset: Dataset) -> dict[str, Any]:
     table = episode_table(dataset)
     parts = _parts(dataset, table)
     files = [{"split": name, "path": _split_file(name)} for name in parts]
-    sizes = {name: len(parquet_bytes(part)) for name, part in parts.items()}
     splits = [
         {"name": name, "num_bytes": part.nbytes, "num_examples": part.num_rows}
         for name, part in parts.items()
@@ -138,7 +129,7 @@ def _configuration(dataset: Dataset) -> dict[str, Any]:
             {"name": f.name, "dtype": _DTYPES.get(str(f.type), str(f.type))} for f in table.schema
         ],
         "splits": splits,
-        "download_size": sum(sizes.values()),
+        "download_size": sum(len(parquet_bytes(part)) for part in parts.values()),
         "dataset_size": sum(part.nbytes for part in parts.values()),
     }
     configuration = {"config_name": EPISODES_CONFIG, "default": True, "data_files": files}

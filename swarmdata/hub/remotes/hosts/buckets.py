@@ -3,6 +3,7 @@
 import hashlib
 import uuid
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -48,11 +49,7 @@ class BucketRemote:
     """
 
     def __init__(
-        self,
-        address: str,
-        *,
-        backoff: Backoff | None = None,
-        options: dict[str, Any] | None = None,
+        self, address: str, *, backoff: Backoff | None = None, options: dict[str, Any] | None = None
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()
@@ -71,13 +68,8 @@ class BucketRemote:
         return Release(dataset_id, f"{self.address}/{dataset_id}")
 
     def ids(self) -> tuple[str, ...]:
-        what = f"asking {self.address} for its datasets"
-        try:
-            listed = self._ask(what, lambda: self._files.ls(self._root, detail=False))
-        except AbsentFileError:
-            return ()
-        names = {str(path).rstrip("/").rpartition("/")[2] for path in listed}
-        return tuple(name for name in sorted(names) if is_id(name) and self.find(name))
+        names = self._names(self._root, "its datasets")
+        return tuple(name for name in names if is_id(name) and self.find(name))
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
         source = self._object(release.id, file)
@@ -111,16 +103,14 @@ class BucketRemote:
 
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         split_id(dataset_id)
-        files, release = (
-            files_to_publish(folder, dataset_id, beside),
-            Release(dataset_id, f"{self.address}/{dataset_id}"),
-        )
+        files = files_to_publish(folder, dataset_id, beside)
         manifest = (folder / MANIFEST).read_bytes()
         if not self._is_published(dataset_id, manifest):
             claim = self._claim(dataset_id, hashlib.sha256(manifest).hexdigest())
             for name, file in files.items():
                 if name not in (*claim, MANIFEST):
-                    self._send(file, self._object(dataset_id, name))
+                    to = self._object(dataset_id, name)
+                    self._try(f"sending {to}", partial(self._files.put_file, str(file), to))
                     if file.stat().st_size >= LARGE_FILE_BYTES:
                         claim.append(name)
                         self._put(self._object(dataset_id, CLAIM_FILE), "\n".join(claim).encode())
@@ -128,18 +118,23 @@ class BucketRemote:
                 self._is_published(dataset_id, manifest)
         self._release_claim(dataset_id)
         self._write_index()
-        return release
+        return Release(dataset_id, f"{self.address}/{dataset_id}")
 
     def part_files(self, folder: str) -> tuple[str, ...]:
-        what = f"asking {self.address} for {folder}"
-        try:
-            listed = self._ask(what, lambda: self._files.ls(f"{self._root}/{folder}", detail=False))
-        except AbsentFileError:
-            return ()
-        return tuple(sorted(str(path).rpartition("/")[2] for path in listed))
+        return self._names(f"{self._root}/{folder}", folder)
 
     def send_part_file(self, folder: str, name: str, content: bytes) -> None:
         self._put(self._object(folder, name), content)
+
+    def _names(self, path: str, what: str) -> tuple[str, ...]:
+        """The sorted names below a path, none if nothing is there."""
+        try:
+            listed = self._ask(
+                f"asking {self.address} for {what}", lambda: self._files.ls(path, detail=False)
+            )
+        except AbsentFileError:
+            return ()
+        return tuple(sorted({str(each).rstrip("/").rpartition("/")[2] for each in listed}))
 
     def _object(self, dataset_id: str, file: str) -> str:
         return f"{self._root}/{dataset_id}/{file}"
@@ -162,11 +157,7 @@ class BucketRemote:
             return None
 
     def _claim(self, dataset_id: str, digest: str) -> list[str]:
-        """Leaves this push's claim, or takes over that of an earlier push of the same files.
-
-        Returns:
-            the lines of the claim: digest of the manifest, then files that need not be sent.
-        """
+        """Leaves this push's claim, or takes over that of an earlier push; returns its lines."""
         claim = self._object(dataset_id, CLAIM_FILE)
         if self._create(claim, digest.encode()):
             return [digest]
@@ -195,9 +186,6 @@ class BucketRemote:
             return True
 
         return self._try(f"writing {path}", write)
-
-    def _send(self, source: Path, path: str) -> None:
-        self._try(f"sending {path}", lambda: self._files.put_file(str(source), path))
 
     def _put(self, path: str, content: bytes) -> None:
         self._try(f"writing {path}", lambda: self._files.pipe_file(path, content))

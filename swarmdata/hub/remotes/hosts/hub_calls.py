@@ -27,13 +27,11 @@ from swarmdata.store.arrays.shards import file_digest
 T = TypeVar("T")
 
 REPOSITORY_TYPE = "dataset"
-"""Of repository."""
 
 TIMEOUT_SECONDS = 30.0
 """Seconds without an answer before asking counts as failed; the client would wait for ever."""
 
-HUB_TAG = "swarmdata"
-"""In the front matter of every card, so that a Hub can list our datasets."""
+HUB_TAG = "swarmdata"  # in the front matter of every card, so that a Hub can list our datasets
 
 
 @dataclass(frozen=True)
@@ -126,7 +124,8 @@ class HubCalls:
         def watch() -> None:
             watched(fetch, Meter(self._pace, self._address), lambda: bytes_in(folder))
 
-        self._call(what, watch)
+        with quiet():
+            self._call(what, watch)
 
     def read_range(self, repository: str, commit: str, path: str, first: int, size: int) -> bytes:
         """Returns some bytes of a file."""
@@ -172,14 +171,8 @@ class HubCalls:
     ) -> str:
         """Sends large files, then makes one commit that adds `files` and deletes `stale`.
 
-        Args:
-            repository: with its organization.
-            parent: commit that `main` must still be at.
-            message: of the commit.
-            files: local files by their path in the repository.
-            stale: paths to delete.
-            settled: asked after a failure or a conflict; returns the commit if it was made after
-                all, None if `main` is unchanged, and raises if someone else made one.
+        `main` must still be at `parent`. After a failure, `settled` returns the commit if it was
+        made after all, None if `main` is unchanged, and raises if someone else made one.
         """
         from huggingface_hub import CommitOperationAdd, CommitOperationDelete  # noqa: PLC0415
 
@@ -288,7 +281,8 @@ def explained(error: Exception, what: str) -> Exception | None:
     status = status_of(error)
     if status is not None:
         return _of_status(error, status, what)
-    if isinstance(error, OSError) and error.errno in NAME_ERRNOS and _is_partial(error.filename):
+    is_partial = str(getattr(error, "filename", None)).endswith(".incomplete")  # named by its ETag
+    if isinstance(error, OSError) and error.errno in NAME_ERRNOS and is_partial:
         return HubError(
             f"{what} failed: the server's ETag cannot be part of a file's name, as the client has "
             "it. Tell whoever runs it, or pull from another remote."
@@ -304,16 +298,12 @@ def explained(error: Exception, what: str) -> Exception | None:
     return None
 
 
-def _is_partial(file: object) -> bool:
-    """Whether this is one of the client's partial files, whose names have the server's ETag."""
-    return str(file).endswith(".incomplete")
-
-
 def _of_status(error: Exception, status: int, what: str) -> Exception:
     from huggingface_hub.errors import EntryNotFoundError  # noqa: PLC0415
 
     if status in (408, 425, 429) or status >= 500:
-        return TransientError(f"HTTP {status}", seconds(_header(error, "Retry-After")))
+        headers = getattr(_response(error), "headers", {})
+        return TransientError(f"HTTP {status}", seconds(headers.get("Retry-After")))
     if isinstance(error, EntryNotFoundError):
         return AbsentFileError(f"{what} failed: the repository has no such file.")
     problem = _words(error)
@@ -348,24 +338,14 @@ def status_of(error: BaseException) -> int | None:
     return getattr(_response(error), "status_code", None)
 
 
-def _header(error: BaseException, name: str) -> str | None:
-    value = getattr(_response(error), "headers", {}).get(name)
-    return None if value is None else str(value)
-
-
 def _words(error: BaseException) -> str:
     """An error and its cause in one line, without tokens."""
+    from huggingface_hub import get_token  # noqa: PLC0415
+
     text = f"{type(error).__name__}: {error}".rstrip(". \n")
     cause = error.__cause__
     if cause is not None and str(cause) not in text:
         text += f" ({type(cause).__name__}: {cause})"
-    return quoted(scrub(text))
-
-
-def scrub(text: str) -> str:
-    """Removes tokens from a message of the client."""
-    from huggingface_hub import get_token  # noqa: PLC0415
-
-    token = get_token()
-    hidden = text.replace(token, "***") if token else text
-    return re.sub(r"\bhf_[A-Za-z0-9]{8,}", "hf_***", hidden)
+    if token := get_token():
+        text = text.replace(token, "***")
+    return quoted(re.sub(r"\bhf_[A-Za-z0-9]{8,}", "hf_***", text))

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from swarmdata.errors import AbsentFileError, ConflictError, HubError, SpecError
-from swarmdata.hub.remotes.hosts.hub_calls import HubCalls, Listed, quiet
+from swarmdata.hub.remotes.hosts.hub_calls import HubCalls, Listed
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.network.backoff import Backoff
 from swarmdata.hub.remotes.network.pace import Pace
@@ -18,8 +18,7 @@ from swarmdata.store.arrays.layout import DATA, MANIFEST
 from swarmdata.store.manifest import MAX_MANIFEST_BYTES
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
-MAIN_BRANCH = "main"
-"""The branch of the newest push."""
+MAIN_BRANCH = "main"  # the branch of the newest push
 
 _COMMIT = re.compile(r"[0-9a-f]{40}")
 _VERSION = re.compile(r"v[0-9]+")
@@ -41,11 +40,8 @@ class HubRemote:
         self._listings: dict[tuple[str, str], Mapping[str, Listed]] = {}
 
     def find(self, dataset_id: str) -> Release | None:
-        name, version = split_id(dataset_id)
-        commit = self._look(name, version)
-        if commit is None or MANIFEST not in self._listings[name, commit]:
-            return None
-        return self._release(dataset_id, commit)
+        commit = self._dataset_at(*split_id(dataset_id))
+        return None if commit is None else self._release(dataset_id, commit)
 
     def at(self, name: str, revision: str | None = None) -> Release | None:
         """Looks for a repository's dataset at a tag or commit; without one, the newest version."""
@@ -56,13 +52,18 @@ class HubRemote:
             revision = versions[-1]
         if is_id(f"{name}-{revision}"):
             return self.find(f"{name}-{revision}")
-        commit = self._look(name, revision)
-        if commit is None or MANIFEST not in self._listings[name, commit]:
+        commit = self._dataset_at(name, revision)
+        if commit is None:
             return None
         with tempfile.TemporaryDirectory() as scratch:
             unnamed, manifest = self._release(name, commit), Path(scratch, MANIFEST)
             self.read(unnamed, MANIFEST, manifest, MAX_MANIFEST_BYTES)
             return self._release(_id_in(manifest, unnamed.address), commit)
+
+    def _dataset_at(self, name: str, revision: str) -> str | None:
+        """The commit of a revision, if it has a dataset."""
+        commit = self._look(name, revision)
+        return commit if commit and MANIFEST in self._listings[name, commit] else None
 
     def ids(self) -> tuple[str, ...]:
         repositories = self._calls.repositories(self._organization)
@@ -82,8 +83,7 @@ class HubRemote:
             raise AbsentFileError(f"{release.address} has no file {file!r}.")
         check_size(f"{release.address}/{file}", listing[file].size, size)
         scratch = scratch_folder(out, "hub")  # kept after a failure: the client resumes
-        with quiet():
-            self._calls.download(self._repository(name), commit, file, scratch)
+        self._calls.download(self._repository(name), commit, file, scratch)
         (scratch / file).replace(out)
         remove_scratch(scratch)
 
@@ -91,8 +91,7 @@ class HubRemote:
         name, commit = self._pinned(release)
         if file not in self._listing(name, commit):
             raise AbsentFileError(f"{release.address} has no file {file!r}.")
-        with quiet():
-            return self._calls.read_range(self._repository(name), commit, file, first, size)
+        return self._calls.read_range(self._repository(name), commit, file, first, size)
 
     def publish(self, folder: Path, dataset_id: str, beside: Path | None = None) -> Release:
         name, version = split_id(dataset_id)
@@ -151,10 +150,7 @@ class HubRemote:
     def _holds(
         self, name: str, commit: str, files: Mapping[str, Path], *, everything: bool = True
     ) -> bool:
-        """Whether a commit has these files, and with `everything` no other data.
-
-        Files that people add to a repository by hand, such as a license, are left alone.
-        """
+        """Whether a commit has these files, and with `everything` no other data."""
         listing = self._listing(name, commit)
         if everything and not _data(listing) <= set(files):
             return False

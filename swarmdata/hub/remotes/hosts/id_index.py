@@ -6,11 +6,9 @@ from swarmdata.errors import HubError, SpecError
 from swarmdata.runtime.documents import parse_json
 from swarmdata.runtime.outside_names import is_id
 
-INDEX_FILE = "index.json"
-"""Its name, beside the folders of the datasets."""
+INDEX_FILE = "index.json"  # its name, beside the folders of the datasets
 
-MAX_INDEX_BYTES = 16 << 20
-"""Most bytes of an index; 100,000 ids take 4 MB."""
+MAX_INDEX_BYTES = 16 << 20  # most bytes of an index; 100,000 ids take 4 MB
 
 
 def index_bytes(ids: tuple[str, ...]) -> bytes:
@@ -19,11 +17,7 @@ def index_bytes(ids: tuple[str, ...]) -> bytes:
 
 
 def read_index(content: bytes, address: str) -> tuple[str, ...]:
-    """Returns the ids, sorted.
-
-    Raises:
-        HubError: it is not such a list, or one of the names is not an id.
-    """
+    """Returns the ids, sorted."""
     try:
         data = parse_json(content, INDEX_FILE)
     except SpecError as error:

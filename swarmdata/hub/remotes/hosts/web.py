@@ -18,8 +18,7 @@ from swarmdata.hub.remotes.network.pace import Pace
 from swarmdata.runtime.outside_names import split_id
 from swarmdata.store.arrays.layout import MANIFEST
 
-BLOCK_BYTES = 1 << 16
-"""Bytes read at a time; what a lost connection has of one is fetched again."""
+BLOCK_BYTES = 1 << 16  # bytes read at a time; what a lost connection has of one is fetched again
 
 TRANSIENT_STATUS = frozenset((408, 425, 429, 500, 502, 503, 504))
 """HTTP answers that may be different the next time."""
@@ -31,11 +30,7 @@ class WebRemote:
     """Datasets that a web server gives as plain files, such as a published `file://` folder."""
 
     def __init__(
-        self,
-        address: str,
-        *,
-        backoff: Backoff | None = None,
-        pace: Pace | None = None,
+        self, address: str, *, backoff: Backoff | None = None, pace: Pace | None = None
     ) -> None:
         self.address = address
         self._backoff = backoff or Backoff()

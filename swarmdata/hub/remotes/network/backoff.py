@@ -13,8 +13,7 @@ from swarmdata.errors import HubError
 
 T = TypeVar("T")
 
-SLICE_SECONDS = 0.25
-"""Seconds between two looks at whether to stop."""
+SLICE_SECONDS = 0.25  # seconds between two looks at whether to stop
 
 STOP_EVENT: ContextVar[threading.Event | None] = ContextVar("stop", default=None)
 """Of the jobs of this thread; set once they are not wanted any more."""

@@ -1,8 +1,7 @@
 """HTTP connections that are never slower than a pace, and that do not lead into private networks.
 
-A server on the internet may redirect to an address that only this machine reaches: its own ports, a
-router, or where a cloud hands out credentials. A remote with a public address may therefore only
-redirect to public addresses; one with a private address is within that network anyway.
+A remote with a public address may only redirect to public ones: not to this machine's own ports, a
+router, or where a cloud hands out credentials.
 """
 
 import contextlib
@@ -66,13 +65,7 @@ def opener(pace: Pace) -> OpenerDirector:
 def opened(
     opener: OpenerDirector, url: str, headers: dict[str, str], timeout: float
 ) -> Iterator[http.client.HTTPResponse]:
-    """Asks for a URL; the answer is read at the opener's pace.
-
-    Raises:
-        HubError: a redirect leads where it must not.
-        TooSlowError: the server is slower than the pace.
-        OSError: what `urllib.request` raises.
-    """
+    """Asks for a URL; the answer is read at the opener's pace."""
     try:
         response = opener.open(Request(url, headers=headers), timeout=timeout)
     except ValueError as error:

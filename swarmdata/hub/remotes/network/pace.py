@@ -1,8 +1,4 @@
-"""How slow a remote may be before it is left for the next one.
-
-A server that sends a byte now and then keeps a connection alive for ever, so a timeout of single
-reads is not enough: an answer has a deadline, and what is fetched a least rate.
-"""
+"""How slow a remote may be: an answer has a deadline, and what is fetched a least rate."""
 
 import contextlib
 import math
@@ -39,11 +35,7 @@ class Pace:
 
     @classmethod
     def from_environment(cls) -> Self:
-        """The defaults, or what the environment says.
-
-        Raises:
-            HubError: a variable is not a positive number.
-        """
+        """The defaults, or what the environment says."""
         plain = cls()
         return cls(
             _number("SWARMDATA_ANSWER_SECONDS", plain.answer_seconds),
@@ -110,8 +102,7 @@ class Meter:
 
 T = TypeVar("T")
 
-GRACE_SECONDS = 1.0
-"""Seconds in which threads may end by themselves."""
+GRACE_SECONDS = 1.0  # seconds in which threads may end by themselves
 
 
 def _called(call: Callable[[], T]) -> Future[T]:
@@ -171,10 +162,6 @@ def watched(call: Callable[[], T], meter: Meter, arrived: Callable[[], int] | No
 
     The thread is left alone once it is too slow. `arrived` says how many bytes have arrived so far;
     without it there is a deadline, and no rate.
-
-    Raises:
-        TooSlowError: it was too slow.
-        StoppedError: the job of this thread is not wanted any more.
     """
     finished, seen = SimpleQueue[Future[T]](), 0
     if arrived is not None:

@@ -12,9 +12,9 @@ import yaml
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import MissingFileError, SchemaError
-from swarmdata.hub.publishing.metadata import hub_card, metadata_files
 from swarmdata.hub.publishing.metadata.croissant import croissant
 from swarmdata.hub.publishing.metadata.episode_parquet import EPISODE_COLUMNS
+from swarmdata.hub.publishing.metadata.hub_files import hub_card, metadata_files
 from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.store import SPLITS, write_file
 from swarmdata.testing.synthetic import make_dataset

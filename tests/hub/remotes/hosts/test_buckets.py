@@ -9,11 +9,7 @@ import pytest
 import s3fs
 from fsspec.implementations.memory import MemoryFileSystem
 
-from swarmdata.errors import (
-    ConflictError,
-    HubError,
-    MissingExtraError,
-)
+from swarmdata.errors import ConflictError, HubError, MissingExtraError
 from swarmdata.hub.remotes.addresses import open_remote
 from swarmdata.hub.remotes.hosts.buckets import CLAIM_FILE, BucketRemote
 from swarmdata.hub.remotes.network.backoff import Backoff

@@ -9,14 +9,12 @@ from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull_dataset import pull
 from swarmdata.testing.synthetic import RELEASE_CARD
-from tests.hub.remotes.conftest import ID, NEXT, TOKEN, is_pulled
+from tests.hub.remotes.conftest import ID, NAME, NEXT, TOKEN, is_pulled
 from tests.hub.remotes.faults import Fault
 from tests.hub.remotes.loopback_hub import LoopbackHub
 from tests.support.pairs import slow
 
 pytestmark = pytest.mark.filterwarnings("ignore:Use 'content=:DeprecationWarning")  # the client's
-
-NAME = "org/coop_nav-synthetic"
 
 
 def test_a_push_is_one_commit_and_a_tag(

@@ -8,11 +8,7 @@ from swarmdata.errors import HubError
 from swarmdata.hub.remotes.network.backoff import Backoff, TransientError, refuse_offline
 
 
-@given(
-    failures=st.integers(0, 6),
-    attempts=st.integers(1, 6),
-    after=st.none() | st.floats(0, 1e6),
-)
+@given(failures=st.integers(0, 6), attempts=st.integers(1, 6), after=st.none() | st.floats(0, 1e6))
 def test_attempts_and_waits(failures: int, attempts: int, after: float | None) -> None:
     waits: list[float] = []
     tries: list[int] = []
