@@ -149,10 +149,7 @@ class CFCQL(LossActorCritic):
     def mean_gap(self, log_density: Tensor, values: Tensor, q: Tensor) -> Tensor:
         """Returns the mean over robots of `cql_gap`, [K, 2].
 
-        Args:
-            log_density: of the samples, log p, [K, B, N, M].
-            values: of the samples, [K, 2, B, N, M].
-            q: of the data's actions, [K, 2, B, N].
+        The density and the values are of samples, [K, B, N, M] and [K, 2, B, N, M], q of the data.
         """
         flat = log_density.flatten(1, 2), values.flatten(2, 3), q.flatten(2)
         return cql_gap(*flat, self.config.temperature, self.config.gap_limit)

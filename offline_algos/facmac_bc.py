@@ -111,8 +111,7 @@ class FACMACBC(LossActorCritic):
         """Returns the smaller team values of the batch's actions, for a second stage.
 
         Robot i's value of a candidate is the team's if robot i alone leaves the data. Of the
-        policies' actions, each robot gets an equal share of the team's value, so that the gradient
-        of the sum is that of the team's value.
+        policies' actions, each robot gets an equal share of the team's value.
         """
         critics = self.critics
 

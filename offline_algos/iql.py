@@ -159,11 +159,8 @@ class IQL(OfflineLearner):
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns what actors prefer of the data's actions, [K, R, N], and losses, each [K].
 
-        Args:
-            steps: transitions, [K, R, ...].
-            x: what the critics see of them.
-            actions: as the critics see them, [K, R, N, A].
-            advantages: u (q_i - V(x_i)), which is what they prefer here, [K, R, N].
+        Actions, [K, R, N, A], and x are as critics see them; advantages u (q_i - V(x_i)), [K, R,
+        N], are what actors prefer here.
         """
         return advantages, {}
 

@@ -143,13 +143,7 @@ class OMAR(LossActorCritic):
         return td_target(r.flatten(1), terminations.flatten(1), q_next, self.config.discount)
 
     def gap(self, x: Tensor, actions: Tensor, q: Tensor) -> Tensor:
-        """Returns gap_j, [K, 2], the mean over agents; draws actions.
-
-        Args:
-            x: what the critics see, [K, B N, O + N].
-            actions: of the data, [K, B N, 1, A].
-            q: the critics' values of them, [K, 2, B N].
-        """
+        """Returns gap_j, [K, 2], the mean over agents, of x, actions and their q; draws actions."""
         samples = uniform_samples(self.generators, actions, self.config.n_samples)
         values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B N, M]
         config = self.config
@@ -166,12 +160,7 @@ class OMAR(LossActorCritic):
 
     @torch.no_grad()
     def search(self, x: Tensor, pi: Tensor) -> Tensor:
-        """Returns the best actions found, [K, B N, 1, A]; draws the candidates.
-
-        Args:
-            x: what the critics see, [K, B N, O + N].
-            pi: actions of the policies, [K, B N, 1, A].
-        """
+        """Returns the best actions found, [K, B N, 1, A], pi among them; draws the candidates."""
         config = self.config
         mu = torch.zeros_like(pi)[:, :, None]  # [K, B N, 1, 1, A]
         sigma = torch.full_like(mu, config.search_deviation)

@@ -136,13 +136,7 @@ class OMIGA(OfflineLearner):
         return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
 
     def value_loss(self, s: Tensor, o: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns L(V_i), [K], and z_i, [K, B, N].
-
-        Args:
-            s: normalized states, [K, B, S].
-            o: normalized observations, [K, B, N, O].
-            actions: of the data, [K, B, N, A].
-        """
+        """Returns L(V_i), [K], and z_i, [K, B, N], of normalized s, o and the data's actions."""
         with torch.no_grad():
             q = self.critics.agent_values(o, actions, self.critics.target_utilities)[:, 0]
             w, _ = self.mixer.weights(information(s, o), self.critics.target_mixer)  # [K, B, N]

@@ -134,12 +134,7 @@ class VDN(OfflineLearner):
         return {name: loss.detach() for name, loss in reported.items()}
 
     def loss(self, batch: Evaluated, y: Tensor) -> Loss:
-        """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K].
-
-        Args:
-            batch: as the networks see it.
-            y: targets without a gradient, [K, B].
-        """
+        """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K], of targets y [K, B]."""
         config, weights = self.config, batch.weights
         q = self.value(batch.utilities, weights, batch.information)  # [K, J, B]
         td_loss = huber_error(q, y)  # [K]
@@ -157,11 +152,8 @@ class VDN(OfflineLearner):
     ) -> Tensor:
         """Returns the team's Q_j, [K, J, B].
 
-        Args:
-            utilities: [K, J, B, N, D, C].
-            weights: the actions as weights of the choices, [K, B, N, D, C].
-            x: state and all observations, normalized, [K, B, S + N O].
-            mixer: other parameters to mix with, those of the targets.
+        Utilities are [K, J, B, N, D, C], weights of the choices [K, B, N, D, C], x [K, B, S + N O];
+        `mixer` is a slow copy of the mixer's networks.
         """
         return self.mix(robot_values(utilities, weights), x, mixer)
 

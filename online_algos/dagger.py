@@ -81,16 +81,10 @@ class DAggerConfig(TeacherSettings):
 
 
 class DAgger:
-    """K training runs: rounds of collection and regression.
-
-    Args:
-        env: K E copies of the task.
-        seeds: of everything random in each run, [K].
-        config: hyperparameters.
-        folder: of the labelled states.
+    """K training runs, in K E copies of a task: rounds of collection and regression.
 
     Raises:
-        CheckpointError: the folder has the states of another run.
+        CheckpointError: the folder has the labelled states of another run.
         SpecError: the teacher does not fit the task, or the task has no such frame.
         UnknownNameError: there is no such teacher.
     """
@@ -130,11 +124,7 @@ class DAgger:
         return False
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors and the statistics of their inputs.
-
-        Raises:
-            CheckpointError: the actors do not fit.
-        """
+        """Takes over actors and the statistics of their inputs; CheckpointError if unfit."""
         load_actors(start, self.seeds, self.policy(0), self.actors.network)
         self.actors.input_mean, self.actors.input_std = start.moments(len(self.seeds))[:2]
         return []

@@ -137,14 +137,7 @@ class MADDPGConfig(ReplaySettings):
 
 
 class Learner:
-    """K seeds of actors and critics, trained on batches of observations and states as seen.
-
-    Args:
-        sizes: numbers of robots and features.
-        moments: that normalize inputs.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-    """
+    """K seeds of actors and critics, trained on batches of observations and states as seen."""
 
     LOSSES = ("critic_loss", "q", "policy_q")
 

@@ -1,8 +1,6 @@
 """Clones a teacher into actors, so that training starts from a careful driver.
 
-Source: DAgger, Ross, Gordon and Bagnell, "A reduction of imitation learning and structured
-prediction to no-regret online learning", AISTATS 2011, algorithm 3.1, with beta = 1 in the first
-round and 0 after. The learner acts with noise, so that it meets states that need corrections.
+DAgger, as `online_algos.dagger` has it, with beta = 1 in the first round and 0 after.
 """
 
 from collections.abc import Sequence
@@ -88,20 +86,11 @@ def collect(
     actors: Actors, worlds: Worlds, generators: Sequence[np.random.Generator], teacher: Teacher,
     n_steps: int, noise: float, *, teacher_acts: bool,
 ) -> list[Tensor]:  # fmt: skip
-    """Lets the actors, or the teacher, act, and the teacher label each step.
+    """Lets the actors, or the teacher, act for `n_steps`, and the teacher label each step.
 
-    Args:
-        actors: of K seeds.
-        worlds: to act in, from their current step on.
-        generators: of the noise, one per seed, [K].
-        teacher: which was reset when the running episodes began.
-        n_steps: to take in every copy, T.
-        noise: standard deviation of the noise on actions.
-        teacher_acts: whether its actions are taken, with the noise.
-
-    Returns:
-        Inputs of the actors and actions of the teacher, by network: [R, samples, I] and
-        [R, samples, A].
+    Actions have Gaussian noise of deviation `noise`. The teacher was reset when the running
+    episodes began. Returns inputs of the actors, [R, samples, I], and actions of the teacher, [R,
+    samples, A].
     """
     all_inputs, labels = [], []
     for _ in range(n_steps):
@@ -124,16 +113,9 @@ def regress(
     actors: Actors, optimizer: StackedAdam | Descent, generators: Sequence[np.random.Generator],
     data: LabelledStates, n_taken: int, minibatch: int, learning_rate: float,
 ) -> Tensor:  # fmt: skip
-    """Fits actors to labels and returns the mean errors, [K]; takes all samples before any again.
+    """Fits actors to labels; returns the mean errors, [K]; takes all samples before any again.
 
-    Args:
-        actors: changed.
-        optimizer: of their network, whose own learning rate is 1.
-        generators: of the order, one per seed, [K].
-        data: all that are known.
-        n_taken: samples.
-        minibatch: samples of a gradient step.
-        learning_rate: of Adam.
+    The optimizer's own learning rate is 1. In all, `n_taken` samples are taken.
     """
     n_seeds = len(generators)
     total, taken = torch.zeros(n_seeds), 0

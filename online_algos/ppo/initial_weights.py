@@ -107,14 +107,10 @@ def initial_weights(
 
 
 def find_policy(source: str, seed: int, n_agents: int) -> Policy:
-    """Returns the policy that a seed starts from.
+    """Returns the policy that a seed starts from, for a team of `n_agents`.
 
-    Args:
-        source: a shipped tier, such as `formation-expert`, whose policy number `seed` it is, or
-            the folder of a run, whose last policy of that seed it is.
-        seed: of the run that starts.
-        n_agents: robots of its team. A shipped policy is adapted to it: robot i acts as the trained
-            robot number i modulo theirs.
+    `source` is a shipped tier, such as `formation-expert`, whose policy number `seed` it is (robot
+    i acts as the trained robot number i modulo theirs), or the folder of a run.
 
     Raises:
         BuildError: there is no such policy.
@@ -137,13 +133,6 @@ def copy_weights(
     policy: Policy, actors: Actors, index: int, frame: Frame | None, source: str
 ) -> None:
     """Copies a policy's weights and input statistics into the actors of seed number `index`.
-
-    Args:
-        policy: to copy.
-        actors: to write to.
-        index: of the seed.
-        frame: in which the actors are to act.
-        source: where the policy is from, for messages.
 
     Raises:
         CheckpointError: the policy is not an actor of these sizes, in this frame.

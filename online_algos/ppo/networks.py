@@ -164,12 +164,7 @@ class Actors:
 
     @torch.no_grad()
     def act(self, inputs: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean actions, [K, E, N, A], and the memory after the step; no gradient.
-
-        Args:
-            inputs: [K, E, N, I].
-            memory: before the step, [K, E, N, M].
-        """
+        """Mean actions, [K, E, N, A], and the memory after the step, [K, E, N, M]; no gradient."""
         if isinstance(self.network, StackedMLP):
             return self.means(inputs), memory
         rows = by_network(inputs, self.parameters)
@@ -195,12 +190,10 @@ class Actors:
         ]
 
     def again(self, inputs: Tensor, *remembered: Tensor) -> Tensor:
-        """Mean actions of some segments, [R, B L, A].
+        """Mean actions, [R, B L, A], of segments of inputs [R, B, L, I].
 
-        Args:
-            inputs: [R, B, L, I].
-            remembered: with a memory, whether episodes begin, [R, B, L], and the memory before the
-                first step as it was when the rollout was made, [R, B, M].
+        With a memory, `remembered` is whether episodes begin, [R, B, L], and the memory before the
+        first step as it was when the rollout was made, [R, B, M].
         """
         flat = inputs.flatten(1, 2)
         if isinstance(self.network, StackedMLP):
@@ -243,12 +236,8 @@ def fill_values(
 ) -> None:
     """Writes `values` and `next_values` of a rollout whose other fields are written.
 
-    Args:
-        rollout: changed.
-        ends: for each step of the rollout, the last steps of the episodes that ended in it.
-        worlds: in the step after the rollout.
-        actors: make the inputs.
-        critic: of the same seeds.
+    `ends` are, for each step, the last steps of the episodes that ended in it; `worlds` are in the
+    step after the rollout.
     """
     r = rollout
     r.values[:] = critic.values(torch.from_numpy(r.actor_inputs), torch.from_numpy(r.states))

@@ -79,22 +79,14 @@ def pick(values: Tensor, rows: Tensor) -> Tensor:
 
 
 def sample_rows(values: Tensor, parameters: Parameters) -> Tensor:
-    """Returns samples by network: shared [K, T E N, ...], separate [K N, T E, ...].
-
-    Args:
-        values: [T, K, E, N, ...].
-        parameters: whether the robots of a seed share a network.
-    """
+    """Returns samples [T, K, E, N, ...] by network: [K, T E N, ...], separate [K N, T E, ...]."""
     return by_network(values.transpose(0, 1).flatten(1, 2), parameters)
 
 
 def sample_segments(values: Tensor, parameters: Parameters, window: int) -> Tensor:
-    """Returns segments of `window` steps L, by network as `sample_rows`, [R, segments, L, ...].
+    """Returns segments of L steps, by network as `sample_rows`, [R, segments, L, ...].
 
-    Args:
-        values: [T, K, E, N, ...]; T is a multiple of L.
-        parameters: whether the robots of a seed share a network.
-        window: 1 gives samples of single steps.
+    T is a multiple of L = `window`; 1 gives samples of single steps.
     """
     segments = values.reshape(-1, window, *values.shape[1:])  # [S, L, K, E, N, ...]
     return sample_rows(segments.movedim(1, 4), parameters)
@@ -103,13 +95,9 @@ def sample_segments(values: Tensor, parameters: Parameters, window: int) -> Tens
 def minibatches(
     generators: Sequence[np.random.Generator], n_samples: int, n_rows: int, size: int
 ) -> Iterator[Tensor]:
-    """Yields each sample once, in random order, as indices [K n_rows, B] with B up to `size`.
+    """Yields each of M samples once, in random order, as indices [K n_rows, B], B up to `size`.
 
-    Args:
-        generators: of the orders, one per seed, [K].
-        n_samples: of each network, M.
-        n_rows: networks of each seed; they take the same indices.
-        size: of a minibatch.
+    The `n_rows` networks of a seed take the same indices.
     """
     orders = np.stack([generator.permutation(n_samples) for generator in generators])
     yield from torch.split(torch.from_numpy(orders.repeat(n_rows, 0)), size, 1)

@@ -70,13 +70,7 @@ class OnlineRun(Description):
         return int(self.config["n_steps"])
 
     def build(self, folder: Path, data: Data | None = None, n_threads: int = 1) -> OnlineAlgorithm:
-        """Makes the algorithm as it is before its first update, and before it takes over a start.
-
-        Args:
-            folder: of the replay.
-            data: those that `recorded` describes.
-            n_threads: threads that step the worlds; the result does not depend on it.
-        """
+        """Makes the algorithm as it is before its first update, and before it takes over a run."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
         config = from_json(kind.Config, self.config)
         env = make_env(self.spec, config.n_copies * len(self.seeds), n_threads=n_threads)
@@ -164,11 +158,7 @@ def train_run(
 
 
 def read_online_run(folder: Path) -> OnlineRun:
-    """Reads a run folder's `config.json`.
-
-    Raises:
-        SpecError: it is malformed.
-    """
+    """Reads a run folder's `config.json`; SpecError if it is malformed."""
     return OnlineRun.from_file(folder / CONFIG)
 
 

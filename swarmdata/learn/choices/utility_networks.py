@@ -67,12 +67,7 @@ class DecompositionConfig(MemorySettings):
 
 
 class TeamMemory:
-    """Gated units of K seeds: one that all robots of a seed share, or one for each robot.
-
-    Args:
-        stream: separates the draws of different networks of one seed.
-        parameters: whether robots share one unit, which sees their number.
-    """
+    """Gated units of K seeds: one that all robots of a seed share, or one for each robot."""
 
     def __init__(
         self, setup: Setup, settings: MemorySettings, stream: int, parameters: Parameters
@@ -88,16 +83,11 @@ class TeamMemory:
     def along(
         self, batch: Batch, normalize: Callable[[Tensor], Tensor], slow: StackedGates
     ) -> tuple[Batch, Tensor, Tensor, Tensor]:
-        """Returns transitions to learn from, and normalized observations with memories.
-
-        Args:
-            batch: windows [K, B, L, ...].
-            normalize: makes observations as recorded comparable.
-            slow: target copies of the units.
+        """Returns transitions of windows to learn from, [K, R, ...], and what is seen of them.
 
         Returns:
-            Transitions, fields [K, R, ...]; what is seen, [K, R, N, O + M]; what is seen one step
-            later, and what the target copies see then, both without a gradient.
+            Transitions; normalized observations with memories, [K, R, N, O + M]; these one step
+            later, and what the target copies `slow` see then, both without a gradient.
         """
         rows = learned_rows(batch.mask, self.window)
         steps, features = learned_steps(batch, rows), normalize(batch.observations)
@@ -120,11 +110,8 @@ class TeamMemory:
 class UtilityNetworks:
     """K seeds of two utility networks, their targets, and a behavior head where it is needed.
 
-    With a memory, one gated unit of a seed remembers for all of these networks, which see its
-    memory beside the present observation. The targets see that of a target copy.
-
-    Args:
-        mixer: networks of a mixer to train along; None if nothing of it is learned.
+    With a memory, one gated unit of a seed remembers for all of these networks; the targets see
+    that of a target copy. `mixer` is trained along.
     """
 
     def __init__(
@@ -165,11 +152,7 @@ class UtilityNetworks:
         )
 
     def see(self, batch: Batch) -> "Seen":
-        """Returns transitions [K, B, ...], and what networks see of them.
-
-        Args:
-            batch: transitions, or windows [K, B, L, ...] with a memory.
-        """
+        """Returns transitions [K, B, ...], and what networks see of them; windows with a memory."""
         if self.memory is not None:
             slow = self.descent.targets["memory"]
             return Seen(*self.memory.along(batch, self.normalizer.observations, slow))
@@ -187,41 +170,23 @@ class UtilityNetworks:
         )
 
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
-        """Returns both networks' utilities of every choice, [K, J, B, N, D, C].
-
-        Args:
-            features: normalized observations, with the memory if there is one, [K, B, N, F].
-            network: other parameters to use, those of the targets.
-        """
+        """Returns both networks' utilities, [K, J, B, N, D, C], of what they see, [K, B, N, F]."""
         outputs = self.team(features.repeat_interleave(N_CRITICS, 0), network)
         return by_critic(bins.by_dimension(outputs, self.choices.n_choices))
 
     def information(self, states: Tensor, features: Tensor) -> Tensor:
-        """Returns x, normalized, [K, B, S + N O].
-
-        Args:
-            states: as recorded, [K, B, S].
-            features: what the networks see; of it, the observations, which come first, are taken.
-        """
+        """Returns x, normalized, [K, B, S + N O]; observations come first in the features."""
         observations = features[..., : self.sizes.observation]
         return information(self.normalizer.states(states), observations)
 
     def log_probs(self, features: Tensor) -> Tensor | None:
-        """Returns log pi_b, [K, B, N, D, C], or [K, B, N, C ** D] of a joint head.
-
-        None without a behavior head.
-        """
+        """Returns log pi_b, [K, B, N, D, C] or [K, B, N, C ** D]; None without a behavior head."""
         if self.behavior is None:
             return None
         return behavior_log_probs(self.behavior(features), self.choices, self.rule.head)
 
     def act(self, utilities: Tensor, log_probs: Tensor | None) -> Tensor:
-        """Returns the actions of the rule as weights of the choices, [K, B, N, D, C].
-
-        Args:
-            utilities: of both networks, [K, J, B, N, D, C]; their mean decides.
-            log_probs: of the behavior head.
-        """
+        """Returns the rule's actions as weights of the choices, [K, B, N, D, C], by J's mean."""
         return self.rule.act(utilities.mean(1), log_probs, self.choices)
 
     def state_dict(self) -> dict[str, Tensor]:

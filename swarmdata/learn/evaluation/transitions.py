@@ -49,13 +49,7 @@ class Transitions:
         discount: float,
         device: torch.device | str = "cpu",
     ) -> "Transitions":
-        """Reads all episodes of a dataset, usually one split.
-
-        Args:
-            dataset: what to read.
-            statistics: for the normalization.
-            discount: factor per step of `returns`.
-            device: where the tensors are.
+        """Reads all episodes of a dataset, usually one split; `discount` is a step's, of `returns`.
 
         Raises:
             SchemaError: there are no episodes, the actions are not continuous and bounded, or
@@ -115,12 +109,7 @@ def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
 def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     """Returns the actions of K policies in every state of a dataset, float32 [K, n + E, N, A].
 
-    Rows are those of `Transitions.x`. It takes 4 K N A bytes per step, 32 MB for each policy and
-    million steps of four robots. Robots that have left an episode do nothing.
-
-    Args:
-        policies: each an `Actor`.
-        dataset: what the transitions were read from.
+    Rows are those of `Transitions.x`. Robots that have left an episode do nothing.
 
     Raises:
         SchemaError: a policy does not tell its actions, or was trained on other observations.

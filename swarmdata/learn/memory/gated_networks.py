@@ -68,13 +68,10 @@ class StackedGates(StackedLayers):
 def memories(
     layers: Sequence[Layer], inputs: Tensor, starts: Tensor, first: Tensor | None = None
 ) -> Tensor:
-    """Returns the memories after each step, [R, T, B, M].
+    """Returns the memories after each step, [R, T, B, M], of inputs [R, T, B, F].
 
-    Args:
-        layers: of the gates, and more.
-        inputs: [R, T, B, F].
-        starts: whether the memory is empty before a step, bool [R, T, B].
-        first: memory before the first step, [R, B, M]; None: empty.
+    `starts` tells whether the memory is empty before a step, bool [R, T, B]; `first` is the memory
+    before the first step, [R, B, M], None an empty one.
     """
     n_rows, n_steps, n_batch = starts.shape
     gates = layers[0]
@@ -96,13 +93,7 @@ def next_memory(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tens
 
 
 def read(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tensor:
-    """Returns the reader's outputs, [R, B, outputs].
-
-    Args:
-        layers: of the gates, then of the reader.
-        inputs: of the step, [R, B, F].
-        memory: after the step, [R, B, M].
-    """
+    """Returns the reader's outputs, [R, B, outputs], of inputs and the memory after the step."""
     return mlp(layers[N_GATE_LAYERS:], torch.cat([inputs, memory], -1))
 
 

@@ -1,9 +1,9 @@
 """The deterministic policies of K seeds that remember, each shared by all agents.
 
-A robot's memory is that of a gated recurrent unit which sees its normalized observations and its
-number; a perceptron maps these and the memory to actions (Hausknecht & Stone, "Deep recurrent
-Q-learning for partially observable MDPs", 2015, have the unit before the last layer). The memory is
-empty when an episode begins.
+A gated recurrent unit sees a robot's normalized observations and its number; a perceptron maps
+these and the memory to actions (Hausknecht & Stone, "Deep recurrent Q-learning for partially
+observable MDPs", 2015, have the unit before the last layer). Memories are empty when an episode
+begins.
 """
 
 from collections.abc import Sequence
@@ -47,8 +47,7 @@ class RecurrentActor:
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, fields [K, R, ...], and the actions there.
 
-        Args:
-            batch: windows [K, B, L, ...]; R is B times the steps of a segment.
+        The batch has windows [K, B, L, ...]; R is B times the steps of a segment.
         """
         rows = learned_rows(batch.mask, self.window)
         features = self.standard(batch.observations)

@@ -1,8 +1,7 @@
 """The policies of K seeds that let robots decide one after another, on what they observed so far.
 
 Every robot is told the actions of the robots before it in the order of their numbers, turned into
-its own frame, with the direction of the teller's frame. A team so acts jointly: in each step, robot
-i sends its action and what it makes of its past to the robots after it.
+its own frame, with the direction of the teller's frame.
 """
 
 from dataclasses import dataclass
@@ -78,8 +77,7 @@ class SequenceActor:
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, fields [K, R, ...], and the outputs there.
 
-        Args:
-            batch: windows [K, B, L, ...]; R is B times the steps of a segment.
+        The batch has windows [K, B, L, ...]; R is B times the steps of a segment.
         """
         layers, n_heads = self.network.layers, self.settings.n_heads
         rows = learned_rows(batch.mask, self.settings.window)
@@ -94,10 +92,8 @@ class SequenceActor:
 def told_actions(frame: Frame | None, observations: Tensor, actions: Tensor) -> Tensor:
     """Returns what each robot is told of each action, [..., N, N, D]; tellers are the last but one.
 
-    Args:
-        frame: that observations and actions are in, each in its robot's; None: the world's.
-        observations: in the frame, not normalized, [..., N, O].
-        actions: [..., N, A].
+    Observations [..., N, O], not normalized, and actions [..., N, A] are each in the frame of their
+    robot; without a frame, in the world's.
     """
     n_agents = actions.shape[-2]
     told = actions[..., None, :, :].expand(*actions.shape[:-2], n_agents, -1, -1)

@@ -10,14 +10,10 @@ gamma_h = 1 - 2^-(1+h):
     h     += W_p [sum_{j < i} p_ij v_ij]_h,   p_ij = exp(q_i . k_ij / sqrt(d_h)) / (1 + sum_j exp)
     h     += W_4 relu(W_3 n(h))
 
-The first sum is retention (Sun et al. 2023, "Retentive network", equations 5 and 6), over the
-steps of one robot: over a window as a product of matrices, and when acting as a memory of H
-matrices, S <- gamma S + k^T v. Queries, keys and values are linear in h and n(h). Those between
-robots, k_ij and v_ij, are also linear in what robot i was told: the action that robot j has just
-chosen, in robot i's frame. The 1 in the quotient is a robot that says nothing, the only one that
-the first robot hears.
-
-So a robot depends on its own past and present, and on what the robots before it observed and chose.
+The first sum is retention (Sun et al. 2023, "Retentive network", equations 5 and 6): over a window
+as a product of matrices, and when acting as a memory of H matrices, S <- gamma S + k^T v. Queries,
+keys and values are linear in h and n(h); k_ij and v_ij also in what robot i was told of the action
+that robot j has just chosen. The 1 in the quotient is a robot that says nothing.
 """
 
 import math
@@ -92,11 +88,7 @@ def over_window(
 ) -> tuple[Tensor, Tensor]:
     """Returns the tokens of windows as embedded, and what they recall, both [R, B, L, N, width].
 
-    Args:
-        layers: of R networks.
-        inputs: of the tokens, [R, B, L, N, F].
-        mask: False on padding, whose tokens nobody recalls, [R, B, L].
-        n_heads: H.
+    Inputs are [R, B, L, N, F]; the mask, [R, B, L], is False on padding, which nobody recalls.
     """
     n_steps = inputs.shape[2]
     embedded, q, k, v = (each.transpose(2, 3) for each in _embedded(layers, inputs))
@@ -114,13 +106,9 @@ def over_window(
 def over_step(
     layers: Sequence[Layer], inputs: Tensor, memory: Tensor, n_heads: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Takes in one step; returns tokens as embedded, what they recall, and the memory after it.
+    """Takes in one step of inputs [R, B, N, F], with the memory before it, [R, B, N, M].
 
-    Args:
-        layers: of R networks.
-        inputs: of the tokens, [R, B, N, F].
-        memory: before the step, [R, B, N, M].
-        n_heads: H.
+    Returns tokens as embedded, what they recall, both [R, B, N, width], and the memory after it.
     """
     embedded, q, k, v = _embedded(layers, inputs)
     q, k, v = (_by_head(each, n_heads) for each in (q, k, v))  # [R, B, N, H, d_h]
@@ -148,12 +136,9 @@ def decide(
 ) -> Tensor:
     """Returns the outputs of the last Q of N robots, [R, B, Q, outputs].
 
-    Args:
-        layers: of R networks.
-        tokens: of the robots that decide and those before them, [R, B, N, width].
-        told: actions of all as each that decides is told of them, [R, B, Q, N, D].
-        hears: whom each that decides hears, bool [Q, N].
-        n_heads: H.
+    Tokens, [R, B, N, width], are of the robots that decide and those before them; `told` are the
+    actions of all as each that decides is told of them, [R, B, Q, N, D]; `hears` whom it hears,
+    bool [Q, N].
     """
     n_deciding = hears.shape[0]
     q, k, v = _linear(layers[ROBOTS], _norm(tokens)).chunk(3, -1)
@@ -202,8 +187,7 @@ class Mixture(NamedTuple):
 
         p(a) ~ sum_m w_m exp(-|a - mu_m|^2 / 2 sigma^2)
 
-    With one component, the likelihood is a squared error. A squared error of data with two modes is
-    least between them, where no data are; components find one mode each.
+    With one component, the likelihood is a squared error.
     """
 
     log_weights: Tensor  # [..., M]
@@ -217,12 +201,7 @@ class Mixture(NamedTuple):
         return cls(logits.log_softmax(-1), shaped.tanh())
 
     def surprise(self, actions: Tensor, deviation: float) -> Tensor:
-        """Returns -2 sigma^2 / A log p(a), but for a constant, [...].
-
-        Args:
-            actions: [..., A].
-            deviation: sigma.
-        """
+        """Returns -2 sigma^2 / A log p(a), but for a constant, [...], of actions [..., A]."""
         exponents = self.log_weights + _exponents(actions[..., None, :] - self.means, deviation)
         return exponents.logsumexp(-1) * (-2 * deviation**2 / actions.shape[-1])
 

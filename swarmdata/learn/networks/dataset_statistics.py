@@ -64,11 +64,9 @@ class Statistics:
 
     @classmethod
     def measure(cls, episodes: Episodes, discount: float) -> "Statistics":
-        """Reads every state and reward of a dataset once, in float64.
+        """Reads every state and reward of a dataset, usually its train split, once, in float64.
 
-        Args:
-            episodes: the dataset, usually its train split; steps of a mixture have weights.
-            discount: factor per step of the returns-to-go.
+        `discount` is the factor per step of the returns-to-go; steps of a mixture have weights.
 
         Raises:
             SchemaError: there are no episodes.
@@ -116,12 +114,7 @@ def _deviation(values: Double, weights: Double | None) -> float:
 
 
 def returns_to_go(rewards: Double | Sequence[float], discount: float) -> Double:
-    """Returns G_t = r_t + discount * G_{t+1} of one episode, with G = 0 after its end.
-
-    Args:
-        rewards: of the team, [T], or of each robot, [T, N]; the result has the same shape.
-        discount: factor per step.
-    """
+    """Returns G_t = r_t + discount * G_{t+1} of rewards of one episode, [T] or [T, N]; likewise."""
     result = np.empty(np.shape(rewards))
     following: Double | float = 0.0
     for t in range(len(rewards) - 1, -1, -1):

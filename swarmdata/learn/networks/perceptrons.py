@@ -167,12 +167,7 @@ class StackedMLP(StackedLayers):
         return mlp(self.layers, inputs)
 
     def frozen(self, inputs: Tensor, every: int = 1) -> Tensor:
-        """Returns outputs that are differentiable in the inputs only: the weights are constants.
-
-        Args:
-            inputs: [R / every, B, inputs].
-            every: uses each `every`-th network only, from the first.
-        """
+        """Returns outputs of each `every`-th network, its weights being constants."""
         return mlp(self.constants(every), inputs)
 
 
@@ -209,12 +204,8 @@ def mlp(layers: Sequence[Layer], inputs: Tensor) -> Tensor:
 def mlp_of_branches(layers: Sequence[Layer], shared: Tensor, varied: Tensor) -> Tensor:
     """Returns the outputs, [R, B, M, outputs], of networks on M inputs that begin alike in a row.
 
-    The first layer is linear, so that its product with what is shared is made once, not M times.
-
-    Args:
-        layers: of R networks with at least one hidden layer.
-        shared: first part of the inputs, [R, B, inputs - D].
-        varied: the rest, [R, B, M, D].
+    The first layer is linear: its product with what is `shared`, [R, B, inputs - D], is made once,
+    not M times; the rest is `varied`, [R, B, M, D]. There is a hidden layer at least.
     """
     first, n_shared, n_branches = layers[0], shared.shape[2], varied.shape[2]
     common = affine(shared, first.weight[:, :n_shared], first.bias)
@@ -224,11 +215,9 @@ def mlp_of_branches(layers: Sequence[Layer], shared: Tensor, varied: Tensor) -> 
 
 
 def mlp_of_products(layers: Sequence[Layer], products: Tensor) -> Tensor:
-    """Returns the outputs, [R, B, outputs], of networks whose first product was made before.
+    """Returns the outputs, [R, B, outputs], of networks with a hidden layer at least.
 
-    Args:
-        layers: of R networks with at least one hidden layer.
-        products: inputs times the first layer's weight, plus its bias, [R, B, H]; overwritten.
+    `products` are inputs times the first layer's weight, plus its bias, [R, B, H]; overwritten.
     """
     return mlp(layers[1:], _activate(layers[0], products))
 

@@ -77,21 +77,14 @@ class ChoicePolicy(Memoryless):
         return self.choose(self._features(observations), observations)
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
-        """Returns the preferred of the allowed choices, as `act` does of all.
+        """Returns the preferred of the recorded choices that the environment allows, [E, N, M].
 
-        Args:
-            step: what the robots see.
-            allowed: recorded choices that the environment allows: all columns of a robot one after
-                the other, then padding, [E, N, M].
+        Those of a robot's columns come one after the other, then padding.
         """
         return self.choose(self._features(step.observations), step.observations, allowed)
 
     def utilities(self, features: Tensor) -> Tensor:
-        """Returns the mean utilities of both networks, float64 [E, N, D, C].
-
-        Args:
-            features: what the networks see, float64 [E, N, F].
-        """
+        """Returns the networks' mean utilities, [E, N, D, C], of what they see; both float64."""
         n_rows = 1 if self.parameters == "shared" else features.shape[1]
         n_critics = len(self.layers[0].weight) // n_rows
         outputs = mean_utilities(self.layers, features, self.parameters, n_critics)
@@ -99,12 +92,9 @@ class ChoicePolicy(Memoryless):
 
     @torch.no_grad()
     def choose(self, features: Tensor, observations: Float, allowed: Bool | None = None) -> Float:
-        """Returns joint actions, float32 [E, N, D].
+        """Returns joint actions, float32 [E, N, D], by what the networks see, float64 [E, N, F].
 
-        Args:
-            features: what the networks see, float64 [E, N, F].
-            observations: in the world's frame, [E, N, O].
-            allowed: as in `act_among`; None: all.
+        Observations are in the world's frame, [E, N, O]; `allowed` is as of `act_among`, None all.
         """
         columns = None
         if allowed is not None:
@@ -114,12 +104,7 @@ class ChoicePolicy(Memoryless):
         return in_world(self.frame, observations, actions).astype(np.float32)
 
     def preferred(self, features: Tensor, allowed: Tensor | None = None) -> Tensor:
-        """Returns the actions as weights of the choices, float64 [E, N, D, C].
-
-        Args:
-            features: what the networks see, float64 [E, N, F].
-            allowed: choices that the environment allows, bool [E, N, D, C]; None: all.
-        """
+        """Returns the actions as weights of the choices, float64 [E, N, D, C]; others likewise."""
         log_probs = None
         if self.behavior:
             outputs = answer(self.behavior, features, self.parameters)
@@ -165,7 +150,6 @@ class RecurrentChoicePolicy:
         return self._act(step, None)
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
-        """Returns the preferred of the allowed choices, as `ChoicePolicy.act_among`."""
         return self._act(step, allowed)
 
     def _act(self, step: Step, allowed: Bool | None) -> Float:

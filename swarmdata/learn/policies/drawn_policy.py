@@ -27,9 +27,7 @@ class DrawnPolicy(StepFunction):
     The draw is a function of the episode's seed: before an episode the robots must agree on one
     number, and nothing is sent afterwards. `log_probs` is that of the action given the draw, 0 for
     the action taken. The density over draws has no closed form, so data that such a policy records
-    carry no importance weights.
-
-    It computes in float64 on the CPU and rounds once at the end, as `TorchPolicy` does.
+    carry no importance weights. It computes in float64, as `TorchPolicy` does.
     """
 
     layers: Sequence[Layer]  # the actors' weights, float64, R = 1
@@ -69,14 +67,7 @@ class LatentPolicy(DrawnPolicy):
 
 
 def drawn_noise(step: Step, n_agents: int, action_size: int, redraw: Redraw) -> Double:
-    """Returns the noise of all robots, standard normal, [E, N, A], a function of episode and time.
-
-    Args:
-        step: of E copies.
-        n_agents: N.
-        action_size: A.
-        redraw: when it is drawn anew.
-    """
+    """Returns the noise of all robots, standard normal, [E, N, A], by episode and time."""
     times = np.zeros_like(step.times) if redraw == "episode" else step.times
     return normal(counters(step._replace(times=times), "policy", n_agents, action_size))
 
@@ -106,15 +97,7 @@ class FlowPolicy(DrawnPolicy):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RecurrentFlowPolicy(Remembering):
-    """Robots turn noise into actions, given all normalized observations of an episode so far.
-
-    The noise is that of a `FlowPolicy`.
-
-    Attributes:
-        layers: gates and reader of the actors (`gated_networks`), float64, R = 1.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-    """
+    """Robots turn the noise of a `FlowPolicy` into actions, given their past of the episode."""
 
     n_agents: int  # N, the robots it was trained for
     noise: Noise  # what a robot knows of the team's noise

@@ -1,7 +1,4 @@
-"""RecurrentPolicy, the greedy policy of one seed that remembers the running episode.
-
-`Remembering` is what it shares with other recurrent actors, such as `RecurrentFlowPolicy`.
-"""
+"""RecurrentPolicy, the greedy policy of one seed that remembers the running episode."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
@@ -32,13 +29,7 @@ class RunningMemory:
         self._values: Tensor | None = None  # float32 [E, N, M]
 
     def reset(self, step: Step, copies: Int, size: int) -> None:
-        """Empties the memory of some copies; of all of them, if their number has changed.
-
-        Args:
-            step: of all copies.
-            copies: in which new episodes have begun.
-            size: numbers that a robot remembers, M.
-        """
+        """Empties the memory of copies of a step; of all of them, if their number has changed."""
         shape = (*step.observations.shape[:2], size)
         if self._values is None or self._values.shape != shape:
             self._values = torch.zeros(shape)
@@ -46,12 +37,7 @@ class RunningMemory:
 
     @torch.no_grad()
     def advance(self, gates: Sequence[Layer], features: Tensor, parameters: Parameters) -> Tensor:
-        """Takes in a step; returns the memory after it, float64 [E, N, M].
-
-        Args:
-            gates: layers of gated units, and more, float64.
-            features: what the robots see, normalized, float64 [E, N, F].
-            parameters: whether the robots share one network.
+        """Takes in normalized features, float64 [E, N, F]; returns the memory after, [E, N, M].
 
         Raises:
             SchemaError: the memory is of other copies.
@@ -61,10 +47,7 @@ class RunningMemory:
         return self.keep(from_rows(after, (1, *features.shape), parameters)[0])
 
     def before(self, features: Tensor) -> Tensor:
-        """Returns the memory before a step, float64 [E, N, M].
-
-        Args:
-            features: of the step, [E, N, F].
+        """Returns the memory before a step of features [E, N, F], float64 [E, N, M].
 
         Raises:
             SchemaError: the memory is of other copies.
@@ -106,10 +89,8 @@ class Remembering(ABC):
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         """Returns actions in the frame, float64 [E, N, A].
 
-        Args:
-            step: that is acted on.
-            features: normalized observations in the frame, float64 [E, N, O].
-            memory: after this step, float64 [E, N, M].
+        Features are normalized, [E, N, O], the memory is that after this step, [E, N, M], both
+        float64.
         """
 
     def reset(self, step: Step, copies: Int) -> None:
@@ -139,14 +120,7 @@ class Remembering(ABC):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecurrentPolicy(Remembering):
-    """Actors on all normalized observations of an episode so far, as `TorchPolicy` on the last.
-
-    Attributes:
-        layers: gates and reader of the actors (`gated_networks`), float64; R = 1 if they are
-            shared, else N.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-    """
+    """Actors on all normalized observations of an episode so far, as `TorchPolicy` on the last."""
 
     squash: bool  # whether the output passes through tanh; otherwise it is clipped to [-1, 1]
     frame: Frame | None = None  # in which the actors see and act; None for the world's

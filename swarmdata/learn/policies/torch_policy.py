@@ -107,12 +107,6 @@ def fold(layers: Sequence[Layer], mean: Tensor, std: Tensor, parameters: Paramet
     Normalization and, where the robots share a network, the robot's number are part of its first
     layer: W' = W / std and b' = b - mean W'. Outputs agree with those of `outputs_of` within
     rounding.
-
-    Args:
-        layers: of one seed, float64; R = 1 if they are shared, else N.
-        mean: subtracted from observations, float64 [O].
-        std: what they are divided by, float64 [O].
-        parameters: whether the robots share one network.
     """
     first, size = layers[0], len(mean)
     weight = standardize(first.weight[:, :size].transpose(1, 2), torch.zeros_like(mean), std)
@@ -201,10 +195,7 @@ def check_observations(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetPolicy(Memoryless):
-    """An actor over sets that all robots share and that sees no robot numbers.
-
-    It computes in float64 on the CPU and rounds once at the end, as `TorchPolicy` does.
-    """
+    """An actor over sets that all robots share and that sees no robot numbers; float64 likewise."""
 
     layers: Sequence[Layer]  # the actor's weights (`set_networks`), float64, R = 1
     field_mean: Tensor  # subtracted from what is read, float64 [F], F as in `slots.fields`

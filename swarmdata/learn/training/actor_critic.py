@@ -1,22 +1,18 @@
 """What offline algorithms share beside losses: the state, and the two-stage loop of actor-critics.
 
-An actor that climbs a critic while the critic learns decides what the critic values, and TD3+BC
-holds it to the data by an error that is the same everywhere. So actor-critics can train in two
-stages. In the first, critics learn the value of an actor that their own rule moves; a behavior
-density learns beside them. In the second, the last `extraction_share` of the updates, the density
-stands still, and the actor, which starts where it was, descends one of the extraction losses of
-`objectives.losses`. Critics go on learning, the value of the new actor, so that there are several
-steps of policy improvement; with `frozen_critics` there is one.
+An actor that climbs a critic while the critic learns decides what the critic values. So
+actor-critics can train in two stages. In the first, critics learn the value of an actor that their
+own rule moves; a behavior density learns beside them. In the second, the last `extraction_share` of
+the updates, the density stands still, and the actor descends one of the extraction losses of
+`objectives.losses`. Critics go on learning, the value of the new actor; with `frozen_critics` they
+do not.
 
-Nobody in good data hits an obstacle, so critics of such data know that the goal is near and not
-that contacts cost. Their slopes are short on average and long in some places, and there an actor
-that follows them leaves the data. That is why a robot is pulled by at most `slope_limit` slopes.
+Nobody in good data hits an obstacle, so slopes of critics are short on average and long in some
+places. That is why a robot is pulled by at most `slope_limit` slopes.
 
 The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i
 under the density divided by that of the actions, both as means over robots and rows of the first
-batch of the stage. So actions move by about `inverse_temperature` times their variance in the data:
-one setting serves rewards of every scale, and data that are all alike are left less than diverse
-ones.
+batch of the stage. So one setting serves rewards of every scale.
 """
 
 from abc import ABC, abstractmethod
@@ -258,13 +254,7 @@ class TwoStageActorCritic(OfflineLearner):
 
     @abstractmethod
     def critic_step(self, batch: Batch, x: Any, scale: float) -> dict[str, Tensor]:
-        """Moves the critics; returns losses, each [K].
-
-        Args:
-            batch: tensors [K, B, ...].
-            x: what the critics see.
-            scale: factor on the learning rate.
-        """
+        """Moves the critics, at `scale` times the learning rate; returns losses, each [K]."""
 
     @abstractmethod
     def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:
@@ -277,9 +267,8 @@ class TwoStageActorCritic(OfflineLearner):
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
 
-        Critics move in every update. Actors and targets move in every update of the warm-up, and
-        then in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1). In the second stage,
-        only the actors move.
+        Actors and targets move in every update of the warm-up, and then in every `policy_delay`-th
+        (Fujimoto et al. 2018, algorithm 1).
         """
         config, stage = self.config, self.second_stage
         scale, is_second = scale_and_stage(config, stage, self.n_updates)
@@ -347,10 +336,7 @@ def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
 def scale_and_stage(
     config: ActorCriticConfig, stage: "SecondStage | None", n_updates: int
 ) -> tuple[float, bool]:
-    """Returns the factor on learning rates after `n_updates`, and whether the second stage runs.
-
-    Each stage has a cosine of its own.
-    """
+    """Returns the factor on learning rates, a cosine in each stage, and whether it is the last."""
     floor = config.final_learning_rate_factor
     first = config.n_updates if stage is None else stage.begins_at
     if stage is None or n_updates < first:

@@ -27,16 +27,7 @@ MAX_BYTES = 1 << 32
 
 
 def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> str:
-    """Writes a checkpoint atomically: after a crash, the old or the new file is there.
-
-    Args:
-        path: of the file; its folder exists.
-        tensors: what to keep; copied to the CPU.
-        metadata: JSON values.
-
-    Returns:
-        SHA-256 of the content, hex.
-    """
+    """Writes tensors and JSON metadata atomically; returns the SHA-256 of the content, hex."""
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     text = json.dumps(metadata, sort_keys=True)
     digest = _digest(content, text)

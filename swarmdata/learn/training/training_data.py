@@ -50,11 +50,7 @@ class Data(Episodes, Protocol):
 
 @runtime_checkable
 class Selective(Protocol):
-    """A config of an algorithm that learns from the best episodes only.
-
-    The trainer asks it once, before it measures statistics and draws batches, and the run's
-    `min_return` keeps the answer: `dataset.filter(min_return=...)` is what was learned from.
-    """
+    """A config of an algorithm that learns from the best episodes only, asked once, at first."""
 
     def least_return(self, returns: Double) -> float:
         """Returns the least team return that is learned from, of those of all episodes, [n]."""
