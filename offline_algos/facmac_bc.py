@@ -88,8 +88,9 @@ class FACMACBC(LossActorCritic):
     critics: FactoredCritics
 
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
+        mixer = chosen_mixer(setup, config.mixer, config.mixer_embedding, config.mixer_hidden)
         critics = FactoredCritics(
-            setup, config.critic_hidden, chosen_mixer(config, setup),
+            setup, config.critic_hidden, mixer,
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
         super().__init__(setup, config, critics)

@@ -70,7 +70,6 @@ from swarmdata.learn.networks.network_inputs import (
     information,
     normal_like,
 )
-from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -198,12 +197,13 @@ class MACFlow(OfflineLearner):
     }
 
     def __init__(self, setup: Setup, config: MACFlowConfig) -> None:
-        self.config = config
+        self.config, self.first_stage = config, config.first_stage
         self.copy = Distillation(
             setup, config, config.actor_hidden, learning_rate=config.actor_learning_rate
         )
+        mixer = chosen_mixer(setup, config.mixer, config.mixer_embedding, config.mixer_hidden)
         self.critics = FactoredCritics(
-            setup, config.critic_hidden, chosen_mixer(config, setup),
+            setup, config.critic_hidden, mixer,
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
         self.climb = Climb(
@@ -217,7 +217,7 @@ class MACFlow(OfflineLearner):
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses of what moved."""
-        first, scale = self.config.first_stage, self.scale
+        first, scale = self.first_stage, self.scale
         view = self.copy.actor.see(batch)
         batch = view.batch
         s, o = self.normalizer(batch.states, batch.observations)
@@ -240,13 +240,6 @@ class MACFlow(OfflineLearner):
         self.copy.step(total, scale)
         self.n_updates += 1
         return {name: loss.detach() for name, loss in reported.items()}
-
-    @property
-    def scale(self) -> float:
-        """The factor on all learning rates: a cosine in each stage."""
-        config, first = self.config, self.config.first_stage
-        begin, end = (0, first) if self.n_updates < first else (first, config.n_updates)
-        return cosine(self.n_updates - begin, end - begin, config.final_learning_rate_factor)
 
     def critic_loss(self, view: StudentView, s: Tensor, o: Tensor) -> Loss:
         """Returns sum_j L(Q_j); draws the noise of the next actions. s and o are normalized."""

@@ -53,12 +53,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from swarmdata.learn.choices.utility_networks import (
-    DecompositionConfig,
-    Evaluated,
-    Seen,
-    UtilityNetworks,
-)
+from swarmdata.learn.choices.utility_networks import DecompositionConfig, Seen, UtilityNetworks
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
@@ -121,29 +116,32 @@ class VDN(OfflineLearner):
         networks = self.networks
         seen = networks.see(batch)
         y = self.targets(seen)
-        evaluated = networks.evaluate(seen)
-        total, reported = self.loss(evaluated, y)
+        utilities, log_probs = networks.utilities(seen.features), networks.log_probs(seen.features)
+        weights = networks.choices.weights(seen.batch.actions)
+        x = networks.information(seen.batch.states, seen.features)
+        q = self.value(utilities, weights, x)  # [K, J, B]
+        total, reported = self.loss(q, y, utilities, weights, log_probs)
         if self.n_updates % GREEDY_EVERY == 0:
             with torch.no_grad():
-                greedy = networks.act(evaluated.utilities, evaluated.log_probs)
-                values = self.value(evaluated.utilities, greedy, evaluated.information)
+                values = self.value(utilities, networks.act(utilities, log_probs), x)
             reported["greedy_q"] = values.mean((1, 2))
         networks.descent.step(total, self.scale)
         networks.descent.follow(self.config.tau)
         self.n_updates += 1
         return {name: loss.detach() for name, loss in reported.items()}
 
-    def loss(self, batch: Evaluated, y: Tensor) -> Loss:
+    def loss(
+        self, q: Tensor, y: Tensor, utilities: Tensor, weights: Tensor, log_probs: Tensor | None
+    ) -> Loss:
         """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K], of targets y [K, B]."""
-        config, weights = self.config, batch.weights
-        q = self.value(batch.utilities, weights, batch.information)  # [K, J, B]
+        config = self.config
         td_loss = huber_error(q, y)  # [K]
         reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
-        if batch.log_probs is not None:
-            loss = behavior_loss(batch.log_probs, weights, config.behavior_head)  # [K]
+        if log_probs is not None:
+            loss = behavior_loss(log_probs, weights, config.behavior_head)  # [K]
             return Loss(td_loss + loss, reported | {"behavior_loss": loss})
         if config.regulariser == "cql":
-            gap = conservative_gap(batch.utilities, weights, self.networks.choices.exists)  # [K]
+            gap = conservative_gap(utilities, weights, self.networks.choices.exists)  # [K]
             return Loss(td_loss + config.cql_weight * gap, reported | {"conservative_gap": gap})
         return Loss(td_loss, reported)
 

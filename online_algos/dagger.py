@@ -34,8 +34,13 @@ from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
+from swarmdata.online_algos.actors.mean_actors import (
+    Actors,
+    collection_state,
+    restore_collection,
+)
 from swarmdata.online_algos.collection.input_moments import N_MEASURED, measure_moments
-from swarmdata.online_algos.collection.training_worlds import Worlds, pack, unpack
+from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_settings,
@@ -48,7 +53,6 @@ from swarmdata.online_algos.imitation.teachers import (
     kept_safe,
     make_teacher,
 )
-from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.perception.frames import find_frame
 
 
@@ -162,12 +166,8 @@ class DAgger:
         """Everything but the running episodes and the labelled states, which are on disk then."""
         return {
             **self.descent.state_dict(),
-            **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
+            **collection_state(self),
             **{f"states.{k}": v for k, v in self.states.state_dict().items()},
-            "input.mean": torch.from_numpy(self.actors.input_mean.copy()),
-            "input.std": torch.from_numpy(self.actors.input_std.copy()),
-            "frames": torch.tensor(self.frames),
-            "generators": pack([generator.bit_generator.state for generator in self.generators]),
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
@@ -177,11 +177,6 @@ class DAgger:
             CheckpointError: the folder does not hold the labelled states of this state.
         """
         self.states.load_state_dict(part(state, "states"))
-        self.actors.input_mean = state["input.mean"].numpy().copy()
-        self.actors.input_std = state["input.std"].numpy().copy()
         self.descent.load_state_dict(state)
-        self.frames = int(state["frames"])
-        for generator, known in zip(self.generators, unpack(state["generators"]), strict=True):
-            generator.bit_generator.state = known
-        self.worlds.load_state_dict(part(state, "worlds"))
+        restore_collection(self, state)
         self._show_episodes()

@@ -61,36 +61,28 @@ from swarmdata.learn.networks.perceptrons import StackedLayers
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.online_algos.collection.input_moments import measure_moments
-from swarmdata.online_algos.collection.training_worlds import (
-    Worlds,
-    pack,
-    standard_normal,
-    unpack,
-)
-from swarmdata.online_algos.ppo.initial_weights import (
-    StartConfig,
-    initial_weights,
-    settings_of,
-    start_from,
-)
-from swarmdata.online_algos.ppo.networks import (
+from swarmdata.online_algos.actors.mean_actors import (
     Actors,
-    Critic,
-    LearnedDeviation,
-    fill_values,
+    collection_state,
+    restore_collection,
 )
-from swarmdata.online_algos.ppo.rollout_samples import (
-    Rollout,
-    critic_states,
-    empty_rollout,
+from swarmdata.online_algos.actors.sample_rows import (
     minibatches,
     pick,
     sample_rows,
     sample_segments,
     seed_means,
 )
+from swarmdata.online_algos.collection.input_moments import measure_moments
+from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
+from swarmdata.online_algos.ppo.initial_weights import (
+    StartConfig,
+    initial_weights,
+    settings_of,
+    start_from,
+)
+from swarmdata.online_algos.ppo.networks import Critic, LearnedDeviation
+from swarmdata.online_algos.ppo.rollouts import Rollout, critic_states, empty_rollout, fill_values
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig, shape_rewards
 from swarmdata.perception.frames import find_frame
 from swarmdata.types import Bool, Float, copy_step
@@ -297,7 +289,7 @@ class MAPPO:
     ) -> dict[str, Tensor]:
         """Epochs of minibatches; the actors and the critic draw their own; all [T, K, E, N]."""
         c = self.config
-        of_actors = self.actors.seen(r) + [
+        of_actors = self.actors.seen(r.actor_inputs, r.memories, r.ended) + [
             sample_segments(torch.from_numpy(x), c.parameters, self.actors.window)
             for x in (r.actions, r.log_probs, normalized(advantages))
         ]  # L steps each: [K, T E N / L, L, ...] or [K N, T E / L, L, ...]
@@ -369,25 +361,16 @@ class MAPPO:
         return {
             **self.actor_descent.state_dict(),
             **self.critic_descent.state_dict(),
-            **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
-            "input.mean": torch.from_numpy(self.actors.input_mean.copy()),
-            "input.std": torch.from_numpy(self.actors.input_std.copy()),
-            "scale": self.critic.scale.tensor(),
-            "frames": torch.tensor(self.frames),
-            "generators": pack([generator.bit_generator.state for generator in self.generators]),
+            **collection_state(self),
+            "scale": torch.from_numpy(self.critic.scale.moments.copy()),
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Restores what `state_dict` returned and begins new episodes."""
-        self.actors.input_mean = state["input.mean"].numpy().copy()
-        self.actors.input_std = state["input.std"].numpy().copy()
         self.actor_descent.load_state_dict(state)
         self.critic_descent.load_state_dict(state)
         self.critic.scale.moments = state["scale"].numpy().copy()
-        self.frames = int(state["frames"])
-        for generator, known in zip(self.generators, unpack(state["generators"]), strict=True):
-            generator.bit_generator.state = known
-        self.worlds.load_state_dict(part(state, "worlds"))
+        restore_collection(self, state)
         self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 
 

@@ -17,9 +17,9 @@ from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TI
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import VecEnv
+from swarmdata.online_algos.actors.mean_actors import Actors
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.imitation.teacher_cloning import Teacher
-from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of

@@ -14,10 +14,10 @@ from torch import Tensor
 from tqdm import tqdm
 
 from swarmdata.learn.networks.optimizer import Descent, StackedAdam
+from swarmdata.online_algos.actors.mean_actors import Actors
+from swarmdata.online_algos.actors.sample_rows import minibatches, pick, sample_rows, seed_means
 from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
 from swarmdata.online_algos.imitation.labelled_states import LabelledStates
-from swarmdata.online_algos.ppo.networks import Actors
-from swarmdata.online_algos.ppo.rollout_samples import minibatches, pick, sample_rows, seed_means
 from swarmdata.types import Float, Int, Step
 
 

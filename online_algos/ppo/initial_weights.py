@@ -18,6 +18,7 @@ from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.online_algos.actors.mean_actors import Actors
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
@@ -27,7 +28,6 @@ from swarmdata.online_algos.continuation.offline_start import (
 from swarmdata.online_algos.imitation.avoiding_team import ActorTeam
 from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, Teacher, clone_teacher
 from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
-from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints

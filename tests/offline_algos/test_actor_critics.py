@@ -13,7 +13,6 @@ from swarmdata.learn.training.actor_critic import (
     Extraction,
     ExtractionConfig,
     Valuer,
-    scale_and_stage,
 )
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.types import Batch
@@ -309,10 +308,9 @@ def test_the_second_stage_goes_on_where_it_stopped(extraction: str) -> None:
 
 def test_each_stage_has_a_cosine_of_its_own() -> None:
     algorithm = make("maddpg_bc", n_updates=100, extraction="anchored", extraction_share=0.4)
-    config, stage = algorithm.config, algorithm.second_stage
-    at = {n: scale_and_stage(config, stage, n) for n in (0, 30, 59, 60, 80, 99)}
-    assert [second for _, second in at.values()] == [False] * 3 + [True] * 3
-    scales = [scale for scale, _ in at.values()]
+    scales = []
+    for algorithm.n_updates in (0, 30, 59, 60, 80, 99):
+        scales.append(algorithm.scale)
     assert scales[::3] == [1.0, 1.0]
     assert scales[1::3] == pytest.approx([0.5, 0.5])
     assert max(scales[2::3]) < 0.01

@@ -6,8 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.errors import SpecError
 from swarmdata.online_algos import dagger
 from swarmdata.online_algos.dagger import DAgger, DAggerConfig

@@ -6,19 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="the toolbox needs torch")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.learn.choices import bins  # noqa: E402
-from swarmdata.learn.networks.network_inputs import information  # noqa: E402
-from swarmdata.learn.networks.setup import Sizes  # noqa: E402
-from swarmdata.online_algos.collection.input_moments import SeedNormalizer  # noqa: E402
-from swarmdata.online_algos.qmix import QMIXConfig, QMIXLearner  # noqa: E402
-from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner, greedy_choices  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
-from tests.offline_algos.toys import random_batch as toy_batch  # noqa: E402
+from swarmdata.learn.choices import bins
+from swarmdata.learn.networks.network_inputs import information
+from swarmdata.learn.networks.setup import Sizes
+from swarmdata.online_algos.collection.input_moments import SeedNormalizer
+from swarmdata.online_algos.qmix import QMIXConfig, QMIXLearner
+from swarmdata.online_algos.vdn import VDN, VDNConfig, VDNLearner, greedy_choices
+from swarmdata.types import Batch
+from tests.offline_algos.toys import random_batch as toy_batch
 
 N_AGENTS, N_BINS, N_DIMENSIONS = 2, 3, 2
 SETTINGS: dict[str, Any] = {
@@ -120,7 +118,7 @@ def play(payoff: Tensor, kind: str) -> tuple[Tensor, Tensor]:
     for _ in range(500):
         learner.update(batch)
     q = learner.value(batch.observations, batch.states, cells[..., None]).detach().view(3, 3)
-    return q, bins.greedy(learner.utilities(batch.observations))[0, 0, 0, :, 0]
+    return q, learner.utilities(batch.observations).argmax(-1)[0, 0, 0, :, 0]
 
 
 @pytest.mark.slow

@@ -36,11 +36,6 @@ def by_dimension(outputs: Tensor, n_choices: int) -> Tensor:
     return outputs.reshape(*outputs.shape[:-1], -1, n_choices)
 
 
-def greedy(utilities: Tensor) -> Tensor:
-    """Returns the best choice of every dimension, [..., D], of utilities [..., D, C]."""
-    return utilities.argmax(-1)
-
-
 def chosen(utilities: Tensor, choices: Tensor) -> Tensor:
     """Returns Q_i, [...], the mean of the utilities [..., D, C] of choices, integers [..., D]."""
     return utilities.gather(-1, choices[..., None])[..., 0].mean(-1)

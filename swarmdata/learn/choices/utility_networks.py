@@ -18,13 +18,7 @@ from swarmdata.learn.choices.behavior_heads import (
 from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.segments import (
-    learned_rows,
-    learned_steps,
-    remembered,
-    remembered_next,
-    take,
-)
+from swarmdata.learn.memory.segments import learned, remembered_next
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP, initialize
@@ -89,18 +83,16 @@ class TeamMemory:
             Transitions; normalized observations with memories, [K, R, N, O + M]; these one step
             later, and what the target copies `slow` see then, both without a gradient.
         """
-        rows = learned_rows(batch.mask, self.window)
-        steps, features = learned_steps(batch, rows), normalize(batch.observations)
-        memory = take(remembered(self.network, features, batch.mask, self.parameters), rows)
-        seen = torch.cat([take(features, rows), memory], -1)
+        features = normalize(batch.observations)
+        steps, now, memory = learned(self.network, batch, features, self.window, self.parameters)
         with torch.no_grad():
             after = normalize(steps.next_observations)
-            kept = take(remembered(slow, features, batch.mask, self.parameters), rows)
+            kept = learned(slow, batch, features, self.window, self.parameters)[2]
             later, slow_later = (
-                torch.cat([after, remembered_next(network, after, now, self.parameters)], -1)
-                for network, now in ((self.network, memory), (slow, kept))
+                torch.cat([after, remembered_next(network, after, held, self.parameters)], -1)
+                for network, held in ((self.network, memory), (slow, kept))
             )
-        return steps, seen, later, slow_later
+        return steps, torch.cat([now, memory], -1), later, slow_later
 
     def extract(self, index: int) -> list[Layer]:
         """Returns a copy of the units of seed number `index`, float64, on the CPU."""
@@ -160,15 +152,6 @@ class UtilityNetworks:
         after = self.normalizer.observations(batch.next_observations)
         return Seen(batch, features, after, after)
 
-    def evaluate(self, seen: "Seen") -> "Evaluated":
-        """Returns what the networks give for a batch."""
-        return Evaluated(
-            self.choices.weights(seen.batch.actions),
-            self.utilities(seen.features),
-            self.log_probs(seen.features),
-            self.information(seen.batch.states, seen.features),
-        )
-
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
         """Returns both networks' utilities, [K, J, B, N, D, C], of what they see, [K, B, N, F]."""
         outputs = self.team(features.repeat_interleave(N_CRITICS, 0), network)
@@ -204,15 +187,6 @@ class Seen(NamedTuple):
     features: Tensor  # [K, B, N, F]
     next_features: Tensor  # without a gradient if there is a memory, [K, B, N, F]
     slow_next_features: Tensor  # what the targets see, [K, B, N, F]
-
-
-class Evaluated(NamedTuple):
-    """A batch as the networks see it."""
-
-    weights: Tensor  # the data's actions as weights of the choices, [K, B, N, D, C]
-    utilities: Tensor  # [K, J, B, N, D, C]
-    log_probs: Tensor | None  # of the behavior head
-    information: Tensor  # x, normalized, [K, B, S + N O]
 
 
 def by_critic(values: Tensor) -> Tensor:

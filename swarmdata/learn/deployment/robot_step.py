@@ -122,11 +122,7 @@ class RememberingStep(RobotStep):
 
 
 def robot_step(policy: Policy, n_robots: int) -> RobotStep:
-    """Returns the step of one robot.
-
-    Raises:
-        PolicyFitError: policies of this kind cannot be exported.
-    """
+    """Returns the step of one robot; PolicyFitError if policies of this kind cannot be exported."""
     match policy:
         case TorchPolicy() | BinPolicy() | ChoicePolicy():
             return DirectStep(policy, n_robots)

@@ -27,7 +27,7 @@ such policies.
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
@@ -41,7 +41,7 @@ from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.training.training_data import Data
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.types import Batch, Double, Int
+from swarmdata.types import Double, Int
 
 N_CURVE_POINTS = 10
 """Of the curve of values while they are fitted."""
@@ -241,15 +241,6 @@ N_BATCHES, BATCH_SIZE = 32, 256
 """Held-out transitions on which a TD error is measured."""
 
 
-@runtime_checkable
-class HasTDError(Protocol):
-    """An algorithm with critics that can be measured on data; the others have no such error."""
-
-    def td_error(self, batch: Batch) -> Tensor:
-        """Returns the mean over critics and rows of (Q - y)^2 in scaled rewards, [K]."""
-        ...
-
-
 def imitation_error(split: Answered) -> Double:
     """Returns what behavior cloning minimizes: mean |pi(o_i) - a_i|^2 / A, [K]."""
     return _mean(_errors(split), torch.ones_like(split.data.returns, dtype=torch.float64))
@@ -281,14 +272,14 @@ def _mean(errors: Tensor, weights: Tensor) -> Double:
 
 @torch.no_grad()
 def td_errors(
-    algorithm: object, dataset: Data, n_seeds: int, scale: float, device: torch.device | str
+    algorithm: Any, dataset: Data, n_seeds: int, scale: float, device: torch.device | str
 ) -> Double | None:
     """Returns the root mean square of Q - y of an algorithm's own critics, [K], if it has any.
 
     In units of rewards, by the `scale` that the algorithm divides them by, but of its own discount
     and target: comparable between seeds and settings of one algorithm at best.
     """
-    if not isinstance(algorithm, HasTDError):
+    if not hasattr(algorithm, "td_error"):
         return None
     sampler = dataset.sampler(BATCH_SIZE, seed=0)
     total = np.zeros(n_seeds)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
@@ -16,13 +16,6 @@ from swarmdata.learn.networks.network_inputs import Normalizer, information
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.training.training_data import Data
 from swarmdata.types import Double, Episode, Float
-
-
-@runtime_checkable
-class Actor(Protocol):
-    """A team whose actions are functions of the present observations, as offline runs give them."""
-
-    def actions(self, observations: Float) -> Float: ...  # [B, N, O] -> [B, N, A]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +99,7 @@ def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
     return information(states[None], observations[None])[0].numpy()
 
 
-def actions_of(policies: Sequence[object], dataset: Data) -> Float:
+def actions_of(policies: Sequence[Any], dataset: Data) -> Float:
     """Returns the actions of K policies in every state of a dataset, float32 [K, n + E, N, A].
 
     Rows are those of `Transitions.x`. Robots that have left an episode do nothing.
@@ -114,9 +107,7 @@ def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     Raises:
         SchemaError: a policy does not tell its actions, or was trained on other observations.
     """
-    actors = [policy for policy in policies if isinstance(policy, Actor)]
-    if len(actors) < len(policies):
-        silent = sorted({type(each).__name__ for each in policies if not isinstance(each, Actor)})
+    if silent := sorted({type(p).__name__ for p in policies if not hasattr(p, "actions")}):
         raise SchemaError(
             f"{', '.join(silent)} has no `actions(observations)`, expected policies whose actions "
             "are functions of what the robots see now: what others would have done in recorded "
@@ -125,8 +116,7 @@ def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     answers: list[Float] = []
     for episode in dataset:
         observations = np.array(episode.observations)
-        joint = np.stack([actor.actions(observations) for actor in actors]).astype(
-            np.float32, copy=False
-        )
+        joint = np.stack([policy.actions(observations) for policy in policies])
+        joint = joint.astype(np.float32, copy=False)
         answers.append(joint if episode.alive is None else joint * episode.alive[:, :, None])
     return np.concatenate(answers, axis=1)

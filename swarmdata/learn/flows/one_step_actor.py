@@ -10,13 +10,7 @@ from torch import Tensor
 from swarmdata.learn.flows.joint_flow import JointFlow
 from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS, GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.segments import (
-    learned_rows,
-    learned_steps,
-    remembered,
-    remembered_next,
-    take,
-)
+from swarmdata.learn.memory.segments import learned, remembered_next
 from swarmdata.learn.networks.actor import ACTOR_STREAM
 from swarmdata.learn.networks.network_inputs import (
     Standardization,
@@ -98,11 +92,8 @@ class OneStepActor:
         features = self.standard(batch.observations)
         if not isinstance(self.network, StackedGates):
             return StudentView(batch, features)
-        rows = learned_rows(batch.mask, self.config.window)
-        memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
-        return StudentView(
-            learned_steps(batch, rows), torch.cat([take(features, rows), memory], -1)
-        )
+        steps, *known = learned(self.network, batch, features, self.config.window, "shared")
+        return StudentView(steps, torch.cat(known, -1))
 
     @torch.no_grad()
     def see_next(self, view: StudentView) -> Tensor:

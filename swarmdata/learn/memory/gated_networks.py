@@ -43,17 +43,6 @@ class GatedShape:
         if self.reader is not None:
             yield from self.reader.layers()
 
-    @property
-    def outputs(self) -> int:
-        """Number of outputs."""
-        return self.memory if self.reader is None else self.reader.outputs
-
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        of_gates = 3 * self.memory * (self.inputs + self.memory + 2)
-        return of_gates + (0 if self.reader is None else self.reader.n_parameters)
-
 
 class StackedGates(StackedLayers):
     """R independent gated units, each with a reader if the shape has one."""

@@ -13,7 +13,7 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.segments import learned_rows, learned_steps, remembered, take
+from swarmdata.learn.memory.segments import learned, learned_rows, learned_steps
 from swarmdata.learn.networks.actor import ACTOR_STREAM, PolicyNetwork, StackedActor
 from swarmdata.learn.networks.network_inputs import Standardization
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize
@@ -49,13 +49,11 @@ class RecurrentActor:
 
         The batch has windows [K, B, L, ...]; R is B times the steps of a segment.
         """
-        rows = learned_rows(batch.mask, self.window)
         features = self.standard(batch.observations)
-        memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
-        seen = to_rows(take(features, rows), "shared")
-        outputs = self.network.read(seen, by_network(memory, "shared"))
+        steps, seen, memory = learned(self.network, batch, features, self.window, "shared")
+        outputs = self.network.read(to_rows(seen, "shared"), by_network(memory, "shared"))
         actions = from_rows(outputs.tanh() if self.squash else outputs, memory.shape, "shared")
-        return learned_steps(batch, rows), actions
+        return steps, actions
 
 
 def make_actor(

@@ -74,6 +74,18 @@ def remembered(
     return joined.reshape(k, b, n, length, -1).transpose(2, 3)
 
 
+def learned(
+    network: StackedGates, batch: Batch, features: Tensor, window: int, parameters: Parameters
+) -> tuple[Batch, Tensor, Tensor]:
+    """Returns transitions of windows to learn from, fields [K, R, ...], and what is known there.
+
+    That are normalized features, [K, R, N, F], and what robots remember, [K, R, N, M].
+    """
+    rows = learned_rows(batch.mask, window)
+    memory = take(remembered(network, features, batch.mask, parameters), rows)
+    return learned_steps(batch, rows), take(features, rows), memory
+
+
 def _by_time(values: Tensor, parameters: Parameters) -> Tensor:
     """Returns values [K, B, L, N, ...] by network, shared [K, L, B N, ...] or [K N, L, B, ...]."""
     return by_network(values.transpose(2, 3), parameters).transpose(1, 2)

@@ -56,16 +56,6 @@ class SequenceShape:
         yield wide, width, False
         yield width, self.outputs, False
 
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        return sum(i * o + o for i, o, _ in self.layers())
-
-    @property
-    def memory(self) -> int:
-        """Numbers that a robot remembers, H matrices of d_h by d_h."""
-        return memory_size(self.width, self.n_heads)
-
 
 class StackedSequences(StackedLayers):
     """R independent sequence networks."""

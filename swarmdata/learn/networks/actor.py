@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -167,8 +167,5 @@ class BehaviorDensity(Descent):
 
 def _doubled(network: StackedMLP | StackedSets) -> StackedMLP | StackedSets:
     """Makes networks of the same kind and sizes with twice as many outputs."""
-    n_outputs, n_networks = 2 * network.shape.outputs, len(network.flat)
-    device = network.flat.device
-    if isinstance(network, StackedSets):
-        return StackedSets(replace(network.shape, outputs=n_outputs), n_networks, device)
-    return StackedMLP(replace(network.shape, outputs=n_outputs), n_networks, device)
+    shape: Any = replace(network.shape, outputs=2 * network.shape.outputs)
+    return type(network)(shape, len(network.flat), network.flat.device)

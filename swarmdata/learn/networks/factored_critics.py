@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import CRITIC_STREAM
-from swarmdata.learn.networks.mixers import Mixer
+from swarmdata.learn.networks.mixers import Mixer, Network
 from swarmdata.learn.networks.network_inputs import information, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
@@ -65,9 +65,9 @@ class FactoredCritics(Descent):
         return self.mixer(values, x, self.target_mixer).view(-1, self.n_critics, x.shape[1])
 
     def agent_values(
-        self, observations: Tensor, actions: Tensor, network: StackedMLP | None = None
+        self, observations: Tensor, actions: Tensor, network: Network | None = None
     ) -> Tensor:
-        """Returns Q_i of every agent, [K, J, B, N], by the utilities or a copy of them."""
+        """Returns Q_i of every agent, [K, J, B, N], by the utilities or others."""
         inputs = _inputs(observations, actions).repeat_interleave(self.n_critics, 0)
         values = (network or self.utilities)(inputs)
         return values.view(-1, self.n_critics, *actions.shape[1:3])
@@ -83,12 +83,12 @@ class FactoredCritics(Descent):
     def smallest_q(self, states: Tensor, observations: Tensor, pi: Tensor) -> Tensor:
         """Returns the smallest of the J values, [K, B]; all parameters are constants."""
         x = information(states, observations).repeat_interleave(self.n_critics, 0)
-        values = self._frozen_values(observations, pi).flatten(0, 1)  # [K J, B, N]
+        values = self.agent_values(observations, pi, self.utilities.frozen).flatten(0, 1)
         return self._frozen_mix(values, x).view(-1, self.n_critics, x.shape[1]).amin(1)
 
     def own_values(self, observations: Tensor, pi: Tensor) -> Tensor:
         """Returns the smallest of the J values of each agent, [K, B, N]; constants as above."""
-        return self._frozen_values(observations, pi).amin(1)
+        return self.agent_values(observations, pi, self.utilities.frozen).amin(1)
 
     @torch.no_grad()
     def candidate_q(
@@ -101,9 +101,10 @@ class FactoredCritics(Descent):
         n_agents, n_candidates = candidates.shape[2:4]
         x = information(states, observations).repeat_interleave(self.n_critics, 0)
         x = x.repeat_interleave(n_candidates, 1)  # [K J, B M, S + N O]
-        taken = self._frozen_values(observations, actions).flatten(0, 1)  # [K J, B, N]
+        frozen = self.utilities.frozen
+        taken = self.agent_values(observations, actions, frozen).flatten(0, 1)  # [K J, B, N]
         taken = taken.repeat_interleave(n_candidates, 1)  # [K J, B M, N]
-        others = [self._frozen_values(observations, each) for each in candidates.unbind(3)]
+        others = [self.agent_values(observations, a, frozen) for a in candidates.unbind(3)]
         varied = torch.stack(others, 3).flatten(0, 1).flatten(1, 2)  # [K J, B M, N]
         results = []
         for robot in range(n_agents):
@@ -112,11 +113,6 @@ class FactoredCritics(Descent):
             values = self._frozen_mix(mixed, x)  # [K J, B M]
             results.append(values.view(-1, self.n_critics, len(actions[0]), n_candidates).amin(1))
         return torch.stack(results, 2)
-
-    def _frozen_values(self, observations: Tensor, actions: Tensor) -> Tensor:
-        """Q_i of every robot, [K, J, B, N], with parameters as constants."""
-        inputs = _inputs(observations, actions).repeat_interleave(self.n_critics, 0)
-        return self.utilities.frozen(inputs).view(-1, self.n_critics, *actions.shape[1:3])
 
     def _frozen_mix(self, values: Tensor, x: Tensor) -> Tensor:
         """Q_tot of all critics, [K J, B], with parameters as constants."""

@@ -96,24 +96,13 @@ MIXER_STREAM = 2
 """Stream of a seed's initial parameters, beside those of `learn.networks.actor`."""
 
 
-class MixerConfig(Protocol):
-    """Settings of a mixer and of the network that makes its weights."""
-
-    @property
-    def mixer(self) -> MixerKind: ...
-    @property
-    def mixer_embedding(self) -> int: ...
-    @property
-    def mixer_hidden(self) -> int: ...
-
-
-def chosen_mixer(config: MixerConfig, setup: Setup) -> Mixer:
+def chosen_mixer(setup: Setup, kind: MixerKind, embedding: int, hidden: int) -> Mixer:
     """Makes the mixers of two critics of each seed, by the state and all observations."""
-    is_monotonic = {"mean": None, "monotonic": True, "free": False}[config.mixer]
+    is_monotonic = {"mean": None, "monotonic": True, "free": False}[kind]
     return MeanMixer() if is_monotonic is None else HyperMixer(
         setup.sizes.n_agents, setup.sizes.information, setup.seeds, MIXER_STREAM,
-        embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
-        n_critics=2, is_monotonic=is_monotonic,
+        embedding=embedding, hidden=hidden, device=setup.device, n_critics=2,
+        is_monotonic=is_monotonic,
     )  # fmt: skip
 
 

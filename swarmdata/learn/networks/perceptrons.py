@@ -50,20 +50,16 @@ class MLPShape:
         for index, (n_in, n_out) in enumerate(pairwise(sizes)):
             yield n_in, n_out, self.layer_norm and index < len(self.hidden)
 
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        return sum(i * o + o + 2 * o * has_norm for i, o, has_norm in self.layers())
-
 
 class Shape(Protocol):
     """Sizes of the layers of a kind of network."""
 
-    @property
-    def outputs(self) -> int: ...
-    @property
-    def n_parameters(self) -> int: ...  # of one network, P
     def layers(self) -> Iterator[tuple[int, int, bool]]: ...  # as `MLPShape.layers`
+
+
+def n_parameters(shape: Shape) -> int:
+    """Returns the parameters of one network, P."""
+    return sum(i * o + o + 2 * o * has_norm for i, o, has_norm in shape.layers())
 
 
 LINE = 16
@@ -87,7 +83,7 @@ class StackedLayers:
 
     def __init__(self, shape: Shape, n_networks: int, device: torch.device | str) -> None:
         self.shape = shape
-        size = (n_networks, shape.n_parameters)
+        size = (n_networks, n_parameters(shape))
         # Adam(fused=True) ignores the strides of gradients on the CPU, so the gradient is one
         # contiguous buffer, which `backward` fills. It rounds what is left after the last whole
         # vector otherwise, so that buffers end with a cache line, whatever the number of networks.

@@ -51,11 +51,6 @@ class SetShape:
         """Yields inputs, outputs and presence of a LayerNorm, layer by layer."""
         return chain.from_iterable(part.layers() for part in self.perceptrons)
 
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        return sum(part.n_parameters for part in self.perceptrons)
-
 
 class StackedSets(StackedLayers):
     """R independent networks over sets, trained and evaluated together."""

@@ -144,19 +144,13 @@ def bounded_gradient(values: Tensor, pi: Tensor, steepest: Tensor) -> Tensor:
     return gradient * (steepest[:, None, None, None] / length).clamp(max=1.0)
 
 
-def tilted_mean(candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
-    """Returns sum_m w_m b_m, the mean of the tilted density, [K, B, N, A].
+def tilted_loss(pi: Tensor, candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
+    """Returns the squared error to sum_m w_m b_m, the mean of the tilted density, [K].
 
-    Candidates b_m, [K, B, N, M, A], are drawn from beta; their values Q_i are [K, B, N, M], eta
-    [K].
+    Candidates b_m, [K, B, N, M, A], are drawn from beta; their values are [K, B, N, M], eta [K].
     """
     weights = (eta[:, None, None, None] * values).softmax(3)
-    return (weights[..., None] * candidates).sum(3)
-
-
-def tilted_loss(pi: Tensor, candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
-    """Returns the squared error to the tilted mean, a constant, [K]; arguments as above."""
-    target = tilted_mean(candidates, values, eta).detach()
+    target = (weights[..., None] * candidates).sum(3).detach()
     return (pi - target).square().sum(3).mean((1, 2))
 
 

@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -80,11 +81,6 @@ class Remembering(ABC):
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
 
-    @property
-    @abstractmethod
-    def view(self) -> tuple[Frame | None, Parameters]:
-        """The frame in which the actors see and act, and whether the robots share one."""
-
     @abstractmethod
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         """Returns actions in the frame, float64 [E, N, A].
@@ -104,13 +100,11 @@ class Remembering(ABC):
             SchemaError: the observations are not those the policy was trained on, or `reset` was
                 not called with these copies.
         """
-        observations, (frame, parameters) = step.observations, self.view
-        framed = observations if frame is None else frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
-        features = standard_features(self.layers[0], framed, mean, std, parameters)
-        memory = self._memory.advance(self.layers, features, parameters)
+        policy: Any = self  # with `frame` and `parameters`
+        features = standard_features(self, self.layers[0], step.observations)
+        memory = self._memory.advance(self.layers, features, policy.parameters)
         local = self.local_actions(step, features, memory)
-        actions = in_world(frame, observations, local.numpy()).astype(np.float32)
+        actions = in_world(policy.frame, step.observations, local.numpy()).astype(np.float32)
         self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
 
@@ -126,10 +120,6 @@ class RecurrentPolicy(Remembering):
     frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
     parameters: Parameters = "shared"  # whether the agents share one actor
-
-    @property
-    def view(self) -> tuple[Frame | None, Parameters]:
-        return self.frame, self.parameters
 
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         rows = by_network(memory[None], self.parameters)

@@ -127,20 +127,15 @@ class ExtractionConfig:
 
 
 @dataclass(frozen=True)
-class DelayedConfig(ActorCriticConfig):
-    """The settings of TD3 (Fujimoto et al. 2018) and of the warm-up by behavior cloning."""
+class TwoStageConfig(ActorCriticConfig, ExtractionConfig):
+    """The settings of TD3 (Fujimoto et al. 2018), of the warm-up, and of the second stage."""
+
+    RETIRED: ClassVar = ("max_extraction_weight", "bc_warmup_updates")
 
     policy_delay: int = 2  # Fujimoto & Gu 2021, table 3; the next two too
     smoothing: float = 0.2  # deviation of the noise on the targets' actions
     smoothing_clip: float = 0.5
     bc_warmup_share: float = 0.5  # of `n_updates`, the first ones, in which actors clone the data
-
-
-@dataclass(frozen=True)
-class TwoStageConfig(DelayedConfig, ExtractionConfig):
-    """The settings of TD3, of the warm-up, and of the second stage."""
-
-    RETIRED: ClassVar = ("max_extraction_weight", "bc_warmup_updates")
 
 
 class Part(Protocol):
@@ -166,12 +161,14 @@ class OfflineLearner(ABC):
     parts: Sequence[Part]
     """All that has parameters; entries of their states have different names."""
     n_updates = 0
+    first_stage = 0  # updates before a second stage; 0: there is one stage
 
     @property
     def scale(self) -> float:
-        """The factor on learning rates now: a cosine over all updates."""
-        config = self.config
-        return cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+        """The factor on learning rates now: a cosine over the updates of each stage."""
+        config, first = self.config, self.first_stage
+        begin, end = (0, first) if self.n_updates < first else (first, config.n_updates)
+        return cosine(self.n_updates - begin, end - begin, config.final_learning_rate_factor)
 
     def state_dict(self) -> dict[str, Any]:
         """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
@@ -242,11 +239,11 @@ class TwoStageActorCritic(OfflineLearner):
             learning_rate=config.actor_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
         self.generators = setup.generators()
-        self.second_stage = None
+        self.second_stage, self.parts = None, (self.actor, critics)
         if config.extraction != "joint":
+            self.first_stage = config.n_updates - round(config.n_updates * config.extraction_share)
             self.second_stage = SecondStage(self.actor, setup, self.generators, config)
-        second = () if self.second_stage is None else (self.second_stage,)
-        self.parts = (self.actor, critics, *second)
+            self.parts = (*self.parts, self.second_stage)
 
     @abstractmethod
     def critic_inputs(self, batch: Batch) -> Any:
@@ -270,8 +267,8 @@ class TwoStageActorCritic(OfflineLearner):
         Actors and targets move in every update of the warm-up, and then in every `policy_delay`-th
         (Fujimoto et al. 2018, algorithm 1).
         """
-        config, stage = self.config, self.second_stage
-        scale, is_second = scale_and_stage(config, stage, self.n_updates)
+        config, stage, scale = self.config, self.second_stage, self.scale
+        is_second = stage is not None and self.n_updates >= self.first_stage
         x = self.critic_inputs(batch)
         losses: dict[str, Tensor] = {}
         if not (is_second and config.frozen_critics):
@@ -333,17 +330,6 @@ def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     )
 
 
-def scale_and_stage(
-    config: ActorCriticConfig, stage: "SecondStage | None", n_updates: int
-) -> tuple[float, bool]:
-    """Returns the factor on learning rates, a cosine in each stage, and whether it is the last."""
-    floor = config.final_learning_rate_factor
-    first = config.n_updates if stage is None else stage.begins_at
-    if stage is None or n_updates < first:
-        return cosine(n_updates, first, floor), False
-    return cosine(n_updates - first, config.n_updates - first, floor), True
-
-
 class SecondStage:
     """Density, optimizer and temperature of the second stage of K seeds."""
 
@@ -355,8 +341,6 @@ class SecondStage:
         config: TwoStageConfig,
     ) -> None:
         self._actor, self._generators, self._config = actor, generators, config
-        # number of updates before the stage
-        self.begins_at = config.n_updates - round(config.n_updates * config.extraction_share)
         rate, max_norm = config.actor_learning_rate, config.max_grad_norm
         # of the data's actions
         self.density = BehaviorDensity(

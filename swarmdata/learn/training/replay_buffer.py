@@ -27,11 +27,7 @@ REPLAY_FILE = "replay.f32"
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Sizes of a replay.
-
-    Raises:
-        SchemaError: a number is too small.
-    """
+    """Sizes of a replay; SchemaError if a number is too small."""
 
     sizes: Sizes
     n_seeds: int  # K

@@ -140,11 +140,7 @@ def saved_frames(folder: Path, seed: int) -> list[int]:
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
-    """The newest policy of a seed.
-
-    Raises:
-        BuildError: the run has not reached a checkpoint yet.
-    """
+    """The newest policy of a seed; BuildError if the run has not reached a checkpoint yet."""
     found = saved_policies(folder, seed)
     if not found:
         raise BuildError(

@@ -175,11 +175,7 @@ Space = Mapping[str, LogUniform | Choice]
 
 
 def space_of(kind: Any, name: str) -> Space:
-    """Returns the search space of an algorithm.
-
-    Raises:
-        SchemaError: it declares none.
-    """
+    """Returns the search space of an algorithm; SchemaError if it declares none."""
     space: Space | None = getattr(kind, "SPACE", None)
     if not space:
         raise SchemaError(

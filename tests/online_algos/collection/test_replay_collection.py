@@ -5,16 +5,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from torch import Tensor
 
-torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from torch import Tensor  # noqa: E402
-
-from swarmdata.errors import SchemaError, SpecError  # noqa: E402
-from swarmdata.online_algos.collection.replay_collection import OffPolicy, ReplaySettings  # noqa: E402
-from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.registry.presets import preset  # noqa: E402
-from swarmdata.types import Batch  # noqa: E402
+from swarmdata.errors import SchemaError, SpecError
+from swarmdata.online_algos.collection.replay_collection import OffPolicy, ReplaySettings
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
+from swarmdata.types import Batch
 
 SMALL: dict[str, Any] = {
     "n_steps": 100, "n_copies": 4, "rollout_steps": 10, "n_gradient_steps": 1, "batch_size": 300,

@@ -5,8 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.online_algos.imitation.teachers import TeacherSettings, make_teacher
 from swarmdata.registry.components import make_env, make_policy

@@ -6,9 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from torch import Tensor
 
 from swarmdata.behavior_policies.learned import Learned

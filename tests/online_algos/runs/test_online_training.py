@@ -12,8 +12,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.errors import CheckpointError, DivergedError, SwarmdataError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.policies.policy_file import load_policy
