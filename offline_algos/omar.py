@@ -26,15 +26,10 @@ Deviations:
   scaled rewards the weights would be even.
 - rho is 0.7 for all datasets; the authors choose 0.1 to 1 for each, and alpha as well (0.5 to 5).
   alpha and tau are in units of scaled rewards; `cfcql` says why tau is below 1.
-- The penalty's samples are uniform, as in the authors' code for particle worlds. Their code for
-  HalfCheetah also samples near the policies, and subtracts those samples' density where its
-  logarithm is meant.
+- The penalty's samples are uniform, as in the authors' code for particle worlds.
 - `gap_limit`, `clip_target` (as `maddpg_bc`, with the largest return-to-go of any robot) and
-  `bc_weight` w, none of which the paper has. The penalty is linear in Q, so on data that are all
-  alike nothing ended it: values of other actions fell without end, targets saw them through the
-  smoothing noise, and critics diverged.
-- Rewards are divided by the deviation of the robots' returns-to-go. Warm-up, target smoothing,
-  LayerNorm, normalization and learning rates are those of `maddpg_bc`, which has their sources.
+  `bc_weight` w, none of which the paper has: on data that are all alike, critics diverged.
+- Warm-up, target smoothing, LayerNorm, normalization and learning rates are those of `maddpg_bc`.
 """
 
 from dataclasses import dataclass
@@ -88,10 +83,7 @@ class OMAR(LossActorCritic):
     Config = OMARConfig
     FIELDS = ("observations", "actions", "rewards", "next_observations", "terminations")
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss", *EXTRACTION_LOSSES)
-    SPACE: ClassVar[Space] = {
-        **CONSERVATIVE_SPACE,
-        "rectification": Choice((0.1, 0.3, 0.7, 0.9)),
-    }
+    SPACE: ClassVar[Space] = {**CONSERVATIVE_SPACE, "rectification": Choice((0.1, 0.3, 0.7, 0.9))}
 
     critics: Critics
 

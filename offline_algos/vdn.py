@@ -32,17 +32,14 @@ Without it the weights of QMIX's mixer and its values drive each other up
 (tests/record/test_playing_choices.py).
 
 `temperature` and `cql_weight` (alpha) are in units of scaled rewards; Beeson et al. have 1 and 0.25
-in raw ones. A smaller temperature gains on mixed data and loses on expert data; the default is a
-compromise.
+in raw ones.
 
 Deviations:
 - The mean over robots instead of the sum: the team reward is a mean too, so that values keep their
   scale in teams of any size. The greedy choices are the same.
 - Recorded continuous actions are interpolated between bins, not moved to the nearest one.
-- Feed-forward networks, as observations hold velocities; with `memory` gru, one gated unit of a
-  seed remembers for all its networks, and the targets have a slow copy of it. Slowly moving
-  targets, Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations
-  are normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
+- With `memory` gru, one gated unit of a seed remembers for all its networks, and the targets have a
+  slow copy of it. Slowly moving targets, Huber loss, LayerNorm, cosines and normalization.
 - Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do not have them,
   so that targets may value forbidden choices, which `bc` and `bcq` leave out as nobody took them.
 """

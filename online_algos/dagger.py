@@ -34,11 +34,7 @@ from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
-from swarmdata.online_algos.actors.mean_actors import (
-    Actors,
-    collection_state,
-    restore_collection,
-)
+from swarmdata.online_algos.actors.mean_actors import Actors, collection_state, restore_collection
 from swarmdata.online_algos.collection.input_moments import N_MEASURED, measure_moments
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.continuation.offline_start import (
@@ -48,11 +44,7 @@ from swarmdata.online_algos.continuation.offline_start import (
 )
 from swarmdata.online_algos.imitation.labelled_states import StoredStates
 from swarmdata.online_algos.imitation.teacher_cloning import collect, regress
-from swarmdata.online_algos.imitation.teachers import (
-    TeacherSettings,
-    kept_safe,
-    make_teacher,
-)
+from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
 from swarmdata.perception.frames import find_frame
 
 

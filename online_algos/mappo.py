@@ -61,11 +61,7 @@ from swarmdata.learn.networks.perceptrons import StackedLayers
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.online_algos.actors.mean_actors import (
-    Actors,
-    collection_state,
-    restore_collection,
-)
+from swarmdata.online_algos.actors.mean_actors import Actors, collection_state, restore_collection
 from swarmdata.online_algos.actors.sample_rows import (
     minibatches,
     pick,

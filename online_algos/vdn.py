@@ -80,11 +80,7 @@ class VDNLearner:
     """
 
     def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: VDNConfig,
-        mixer: StackedMLP | None = None,
+        self, sizes: Sizes, seeds: Sequence[int], config: VDNConfig, mixer: StackedMLP | None = None
     ) -> None:
         self.config = config
         n_outputs = sizes.action * config.n_bins

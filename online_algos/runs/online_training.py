@@ -27,11 +27,7 @@ from swarmdata.learn.training.run_files import CONFIG, CURVE, REPLAY_FOLDER, SPE
 from swarmdata.learn.training.settings import from_json
 from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource
-from swarmdata.online_algos.continuation.offline_start import (
-    OfflineStart,
-    StartSource,
-    read_start,
-)
+from swarmdata.online_algos.continuation.offline_start import OfflineStart, StartSource, read_start
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.native_libraries import ThreadLimit

@@ -9,11 +9,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.critics import RobotView
-from swarmdata.learn.training.actor_critic import (
-    Extraction,
-    ExtractionConfig,
-    Valuer,
-)
+from swarmdata.learn.training.actor_critic import Extraction, ExtractionConfig, Valuer
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.types import Batch
 from tests.offline_algos.toys import made, random_batch, two_episodes

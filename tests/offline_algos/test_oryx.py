@@ -11,20 +11,9 @@ import torch
 from swarmdata.errors import SchemaError
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.trainer import sampler_of, train_seeds
-from swarmdata.offline_algos.oryx import (
-    Oryx,
-    OryxConfig,
-    lambda_returns,
-)
+from swarmdata.offline_algos.oryx import Oryx, OryxConfig, lambda_returns
 from swarmdata.types import Float
-from tests.offline_algos.toys import (
-    hinted_side,
-    made,
-    random_batch,
-    step_of,
-    trained,
-    two_episodes,
-)
+from tests.offline_algos.toys import hinted_side, made, random_batch, step_of, trained, two_episodes
 from tests.support.memory_dataset import MemoryDataset
 
 SMALL: dict[str, Any] = {

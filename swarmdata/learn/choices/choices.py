@@ -37,10 +37,7 @@ class Choices:
 
     @classmethod
     def recorded(
-        cls,
-        ranges: Sequence[Sequence[range]],
-        n_columns: int,
-        device: torch.device | str = "cpu",
+        cls, ranges: Sequence[Sequence[range]], n_columns: int, device: torch.device | str = "cpu"
     ) -> "Choices":
         """The choices of a recorded environment, `Sizes.choices`, in `n_columns` columns."""
         columns = [[*agent, *[range(1)] * (n_columns - len(agent))] for agent in ranges]

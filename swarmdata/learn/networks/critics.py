@@ -150,11 +150,7 @@ class RobotViews:
     """Makes views of batches for critics of one kind."""
 
     def __init__(
-        self,
-        sizes: Sizes,
-        normalizer: InputNormalizer,
-        critic: Critic,
-        device: torch.device | str,
+        self, sizes: Sizes, normalizer: InputNormalizer, critic: Critic, device: torch.device | str
     ) -> None:
         n = sizes.n_agents
         self._sizes, self._normalizer, self.critic = sizes, normalizer, critic

@@ -47,12 +47,7 @@ from swarmdata.learn.networks.network_inputs import (
 from swarmdata.learn.networks.optimizer import StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.objectives.losses import (
-    Loss,
-    anchored_loss,
-    cloning_loss,
-    tilted_loss,
-)
+from swarmdata.learn.objectives.losses import Loss, anchored_loss, cloning_loss, tilted_loss
 from swarmdata.learn.objectives.weighted_rows import ScoredRows, check_share
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch

@@ -16,11 +16,7 @@ from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.run import Count, Description, kept_path
-from swarmdata.learn.training.run_files import (
-    CHECKPOINT,
-    CONFIG,
-    KEPT,
-)
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
 from swarmdata.learn.training.settings import from_json
 from swarmdata.perception.frames import Frame, current_fields
 from swarmdata.perception.observer import features_of

@@ -37,12 +37,7 @@ class Data(Episodes, Protocol):
     def own_spec(self) -> Spec: ...  # as recorded
     def __len__(self) -> int: ...  # episodes
     def sampler(
-        self,
-        batch_size: int,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int,
+        self, batch_size: int, *, horizon: int | None = None, burn_in: int | None = None, seed: int
     ) -> Sampler: ...
     def filter(self, *, min_return: float) -> "Data": ...  # episodes of at least this team return
 

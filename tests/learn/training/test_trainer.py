@@ -85,8 +85,7 @@ def config_of(algorithm: str, **changes: Any) -> Any:
 
 def size_of_first_layer(policy: Policy) -> Mapping[str, float]:
     assert isinstance(
-        policy,
-        TorchPolicy | ChoicePolicy | FlowPolicy | LatentPolicy | SequencePolicy,
+        policy, TorchPolicy | ChoicePolicy | FlowPolicy | LatentPolicy | SequencePolicy
     )
     return {"norm": float(policy.layers[0].weight.norm()), "count": 1.0}
 
