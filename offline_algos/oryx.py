@@ -45,8 +45,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.segments import learned_rows, take
-from swarmdata.learn.memory.sequence_actor import SequenceActor, SequenceSettings
-from swarmdata.learn.memory.sequence_networks import Mixture
+from swarmdata.learn.memory.sequence_networks import Mixture, SequenceActor, SequenceSettings
 from swarmdata.learn.networks.critics import RobotViews
 from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent

@@ -188,15 +188,3 @@ def test_policies_do_not_explore(two_episodes: Any, tmp_path: Path) -> None:
     normal = SeedNormalizer(run.moments).observations(torch.from_numpy(seen)[None])
     best = greedy_choices(run.learner.utilities(normal))[0]
     np.testing.assert_array_equal(policy.actions(seen), bins.to_actions(best, 3).numpy())
-
-
-def test_the_mixer_sees_what_the_robots_observe() -> None:
-    sizes = Sizes(n_agents=2, observation=3, action=1, state=4)
-    learner = QMIXLearner(sizes, [0], QMIXConfig(hidden=(4,), n_bins=3))
-    with torch.no_grad():  # the robots' own values are blind
-        learner.team.network.flat[...] = 0.0
-    features, states = torch.randn(1, 5, 2, 3), torch.randn(1, 5, 4)
-    choices = torch.zeros(1, 5, 2, 1, dtype=torch.long)
-    value = learner.value(features, states, choices)
-    assert not torch.allclose(learner.value(features + 1, states, choices), value)
-    assert not torch.allclose(learner.value(features, states + 1, choices), value)

@@ -8,7 +8,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.learn.memory.sequence_actor import told_actions
 from swarmdata.learn.memory.sequence_networks import (
     EMBED,
     HEAD,
@@ -16,6 +15,7 @@ from swarmdata.learn.memory.sequence_networks import (
     decide,
     memory_size,
     over_step,
+    told_actions,
     with_past,
 )
 from swarmdata.learn.networks.network_inputs import with_agent_id

@@ -38,12 +38,6 @@ def test_no_action_beats_the_best_choice(n_bins: int, seed: int) -> None:
     assert (interpolated(utilities, actions) <= best + 1e-5).all()
 
 
-def test_outputs_are_read_dimension_by_dimension() -> None:
-    utilities = bins.by_dimension(torch.arange(12.0).view(1, 2, 6), 3)
-    assert utilities.shape == (1, 2, 2, 3)
-    assert utilities[0, 1, 0].tolist() == [6.0, 7.0, 8.0]
-
-
 def made(parameters: Any = "shared", frame: Frame | None = None) -> BinPolicy:
     size = 4 + (0 if frame is None else 2)
     team = Team(MLPShape(size, (8,), 2 * 5), 3, [7], 0, parameters=parameters, device="cpu")
