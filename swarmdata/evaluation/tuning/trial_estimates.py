@@ -13,7 +13,6 @@ from swarmdata.evaluation.study.cells.cells import Cell
 from swarmdata.evaluation.study.cells.study_data import open_dataset
 from swarmdata.evaluation.tuning.tuning_record import ESTIMATES
 from swarmdata.learn.evaluation.fqe import FQEConfig
-from swarmdata.learn.evaluation.transitions import Actor
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.store.split_rule import empty_validation
@@ -30,7 +29,7 @@ FITS = FQEConfig(hidden=(64, 64), n_fits=3)
 def why_without(cells: Sequence[Cell], work: Path) -> str | None:
     """Why policies of trained cells cannot be estimated from their data; None where they can."""
     policies = load_run(cells[0].run_in(cells[0].folder(work)))
-    if not isinstance(policies[0], Actor):
+    if not hasattr(policies[0], "actions"):
         return (
             f"the policies of {cells[0].algorithm} draw their actions or remember, so that what "
             "they would have done in recorded states is not known."

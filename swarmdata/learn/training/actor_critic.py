@@ -44,7 +44,7 @@ from swarmdata.learn.networks.network_inputs import (
     normal_like,
     restore_generators,
 )
-from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.networks.optimizer import Descent, StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, anchored_loss, cloning_loss, tilted_loss
@@ -140,13 +140,6 @@ class Part(Protocol):
     def load_state_dict(self, state: Mapping[str, Any]) -> None: ...
 
 
-class Critics(Part, Protocol):
-    """Networks of values with an optimizer and slow copies."""
-
-    def step(self, loss: Tensor, scale: float = 1.0) -> None: ...
-    def follow(self, rate: float) -> None: ...
-
-
 class OfflineLearner(ABC):
     """K seeds of an offline algorithm: their updates so far, and their state."""
 
@@ -225,9 +218,9 @@ def robot_valuer(
 class TwoStageActorCritic(OfflineLearner):
     """Critics, and actors that move less often; the losses are in the files of the algorithms."""
 
-    critics: Critics
+    critics: Descent
 
-    def __init__(self, setup: Setup, config: TwoStageConfig, critics: Critics) -> None:
+    def __init__(self, setup: Setup, config: TwoStageConfig, critics: Descent) -> None:
         self.config, self.critics = config, critics
         self.actor = DelayedActor(
             squashed_actor(setup, config), setup.n_seeds,
