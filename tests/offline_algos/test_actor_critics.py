@@ -7,7 +7,6 @@ import pytest
 import torch
 from torch import Tensor
 
-from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.critics import RobotView
 from swarmdata.learn.training.actor_critic import Extraction, ExtractionConfig, Valuer
 from swarmdata.offline_algos.omar import by_agent
@@ -315,19 +314,3 @@ def test_each_stage_has_a_cosine_of_its_own() -> None:
     assert scales[::3] == [1.0, 1.0]
     assert scales[1::3] == pytest.approx([0.5, 0.5])
     assert max(scales[2::3]) < 0.01
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        {"inverse_temperature": 0.0},
-        {"slope_limit": 0.0},
-        {"density_floor": 0.0},
-        {"extraction_share": 1.0},
-        {"extraction_candidates": 1},
-        {"effective_share": 0.0},
-    ],
-)
-def test_impossible_settings_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(SchemaError, match=next(iter(settings))):
-        ExtractionConfig(**settings)

@@ -9,7 +9,7 @@ import torch
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.training.trainer import sampler_of
-from swarmdata.offline_algos.oryx import Oryx, OryxConfig, lambda_returns
+from swarmdata.offline_algos.oryx import Oryx, lambda_returns
 from swarmdata.types import Float
 from tests.offline_algos.toys import hinted_side, made, random_batch, step_of, trained, two_episodes
 from tests.support.memory_dataset import MemoryDataset
@@ -81,15 +81,6 @@ def test_better_actions_weigh_more() -> None:
 def test_transitions_are_refused() -> None:
     with pytest.raises(SchemaError, match="expected windows"):
         made(Oryx, **SMALL).update(random_batch())
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [({"n_heads": 3}, "multiple of the number"), ({"n_components": 0}, "at least 1")],
-)
-def test_sizes_that_do_not_fit_are_refused(changes: dict[str, int], message: str) -> None:
-    with pytest.raises(SchemaError, match=message):
-        OryxConfig(**changes)  # type: ignore[arg-type]
 
 
 def sides(policy_of: Oryx, seed: int) -> Float:

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go
-from swarmdata.learn.networks.network_inputs import RobotRewards, with_agent_id
+from swarmdata.learn.networks.network_inputs import RobotRewards
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.objectives.losses import (
     anchored_loss,
@@ -170,12 +170,6 @@ def test_equal_returns_have_a_scale_of_one() -> None:
 def test_an_empty_dataset_cannot_be_measured() -> None:
     with pytest.raises(SchemaError, match="no episodes"):
         Statistics.measure(MemoryDataset([]), discount=1.0)
-
-
-def test_agents_see_their_number() -> None:
-    out = with_agent_id(torch.zeros(5, 2, 1))
-    assert out.shape == (5, 2, 3)
-    assert out[4].tolist() == [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 
 
 def test_sizes_come_from_the_last_axes_of_a_batch() -> None:
