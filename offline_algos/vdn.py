@@ -72,17 +72,6 @@ GREEDY_EVERY = 10
 """Updates between two measurements of `greedy_q`, which nothing learns from."""
 
 
-DECOMPOSITION_SPACE: Space = {
-    "learning_rate": LogUniform(3e-4, 1e-2),
-    "discount": Choice((0.9, 0.95, 0.98)),
-    "tau": LogUniform(3e-3, 0.1),
-    "regulariser": Choice(("bc", "bcq", "cql")),
-    "temperature": LogUniform(0.05, 5.0),
-    "threshold": Choice((0.2, 0.5, 0.8)),
-    "cql_weight": LogUniform(1e-2, 1.0),
-}
-
-
 @dataclass(frozen=True)
 class VDNConfig(DecompositionConfig):
     """Settings of offline VDN: those of every value decomposition."""
@@ -94,9 +83,17 @@ class VDN(OfflineLearner):
     Config: type[DecompositionConfig] = VDNConfig
     FIELDS = (*TRANSITION, "log_probs")
     LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
-    SPACE: ClassVar[Space] = DECOMPOSITION_SPACE
     """`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the
     value of the data's actions, and both leave what the data return, values are overestimated."""
+    SPACE: ClassVar[Space] = {
+        "learning_rate": LogUniform(3e-4, 1e-2),
+        "discount": Choice((0.9, 0.95, 0.98)),
+        "tau": LogUniform(3e-3, 0.1),
+        "regulariser": Choice(("bc", "bcq", "cql")),
+        "temperature": LogUniform(0.05, 5.0),
+        "threshold": Choice((0.2, 0.5, 0.8)),
+        "cql_weight": LogUniform(1e-2, 1.0),
+    }
 
     def __init__(
         self, setup: Setup, config: DecompositionConfig, mixer: StackedMLP | None = None

@@ -21,7 +21,6 @@ Deviations:
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import torch
@@ -32,16 +31,13 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.network_inputs import generators as torch_generators
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.team_networks import Parameters
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.actors.mean_actors import Actors, collection_state, restore_collection
 from swarmdata.online_algos.collection.input_moments import N_MEASURED, measure_moments
 from swarmdata.online_algos.collection.training_worlds import Worlds
-from swarmdata.online_algos.continuation.offline_start import (
-    OfflineStart,
-    actor_settings,
-    load_actors,
-)
+from swarmdata.online_algos.continuation.offline_start import OfflineStart, actor_settings
 from swarmdata.online_algos.imitation.labelled_states import StoredStates
 from swarmdata.online_algos.imitation.teacher_cloning import collect, regress
 from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
@@ -121,8 +117,7 @@ class DAgger:
 
     def start_from(self, start: OfflineStart) -> list[str]:
         """Takes over actors and the statistics of their inputs; CheckpointError if unfit."""
-        load_actors(start, self.seeds, self.policy(0), self.actors.network)
-        self.actors.input_mean, self.actors.input_std = start.moments(len(self.seeds))[:2]
+        self.actors.start_from(start, self.seeds, self.worlds.frame)
         return []
 
     def update(self) -> dict[str, Tensor]:
@@ -141,9 +136,8 @@ class DAgger:
         self.frames += c.rollout_steps * c.n_copies
         return {"error": error, "std": torch.full((len(self.seeds),), c.noise)}
 
-    def policy(self, index: int) -> TorchPolicy:
-        policy = self.actors.policy(index, self.worlds.frame)
-        return cast("TorchPolicy", policy)  # the actors have no memory
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
+        return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""

@@ -36,9 +36,9 @@ Deviations:
 - every robot is trained on its own reward, which `shaping` changes;
 - a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
   that was trained;
-- training may start from other policies (`start`, or an offline run: `ppo.initial_weights`) or from
-  a clone of a teacher; then only the critic learns at first (`critic_warmup_fraction`), since the
-  advantages of an untrained critic would undo the clone;
+- training may start from other policies (`start`, or an offline run) or from a clone of a teacher;
+  then only the critic learns at first (`critic_warmup_fraction`), since the advantages of an
+  untrained critic would undo the clone. Recorded data are not mixed in;
 - the actor's and the critic's gradients are clipped separately.
 """
 
@@ -71,16 +71,13 @@ from swarmdata.online_algos.actors.sample_rows import (
 )
 from swarmdata.online_algos.collection.input_moments import measure_moments
 from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
-from swarmdata.online_algos.ppo.initial_weights import (
-    StartConfig,
-    initial_weights,
-    settings_of,
-    start_from,
-)
+from swarmdata.online_algos.continuation.offline_start import OfflineStart, actor_settings
+from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
 from swarmdata.online_algos.ppo.networks import Critic, LearnedDeviation
 from swarmdata.online_algos.ppo.rollouts import Rollout, critic_states, empty_rollout, fill_values
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig, shape_rewards
 from swarmdata.perception.frames import find_frame
+from swarmdata.specs.features import Feature
 from swarmdata.types import Bool, Float, copy_step
 
 
@@ -153,6 +150,12 @@ class MAPPOConfig:
             )
 
 
+WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
+"""Settings of a training that starts from an offline run, where the user gives no others.
+
+The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
+
+
 class MAPPO:
     """K training runs, in K E copies of a task: rollouts and updates. `folder` stays empty.
 
@@ -162,8 +165,6 @@ class MAPPO:
 
     Config = MAPPOConfig
     LOSSES = ("policy", "value", "kl", "reward", "std")
-
-    settings_of, start_from = staticmethod(settings_of), start_from
 
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
@@ -226,6 +227,26 @@ class MAPPO:
             initial_weights(start, self.actors, self.worlds, self.generators, self.seeds)
         )
         return start.has_teacher
+
+    @staticmethod
+    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+        """Returns the settings of the run's actors, and `WHEN_STARTED`."""
+        return actor_settings(start, features) | WHEN_STARTED
+
+    def start_from(self, start: OfflineStart) -> list[str]:
+        """Takes over actors and the statistics of their inputs.
+
+        Raises:
+            CheckpointError: the actors do not fit.
+            SpecError: `config.start` names other policies or a teacher.
+        """
+        if self.config.start != StartConfig():
+            raise SpecError(
+                f"the settings start.* name other policies or a teacher, but training starts from "
+                f"{start.name}; leave one of them out"
+            )
+        self.actors.start_from(start, self.seeds, self.worlds.frame)
+        return [f"The critic begins anew: {start.run.algorithm} has none of mappo's kind."]
 
     def update(self) -> dict[str, Tensor]:
         """One rollout and its gradient steps.

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -20,6 +20,7 @@ from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.actors.sample_rows import sample_rows, sample_segments
 from swarmdata.online_algos.collection.input_moments import Moments
 from swarmdata.online_algos.collection.training_worlds import pack, unpack
+from swarmdata.online_algos.continuation.offline_start import OfflineStart, load_actors
 from swarmdata.perception.frames import Frame
 from swarmdata.types import Bool, Float
 
@@ -58,6 +59,12 @@ class Actors:
         """Replaces the weights and input statistics by copies of others'."""
         self.network.load(others.network.flat)
         self.input_mean, self.input_std = others.input_mean.copy(), others.input_std.copy()
+
+    def start_from(self, start: OfflineStart, seeds: Sequence[int], frame: Frame | None) -> None:
+        """Takes over an offline run's actors and input statistics; CheckpointError if unfit."""
+        fitting = cast("TorchPolicy", self.policy(0, frame))
+        load_actors(start, seeds, fitting, self.network)
+        self.input_mean, self.input_std = start.moments(len(seeds))[:2]
 
     def copy(self) -> "Actors":
         """Returns actors with equal weights in memory of their own."""

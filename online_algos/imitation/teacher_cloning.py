@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from swarmdata.learn.networks.optimizer import Descent, StackedAdam
+from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.online_algos.actors.mean_actors import Actors
 from swarmdata.online_algos.actors.sample_rows import minibatches, pick, sample_rows, seed_means
 from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
@@ -59,7 +59,7 @@ def clone_teacher(
     A round goes on where the one before it stopped, so that episodes longer than a round are seen
     to their ends. `worlds` are left in the middle of episodes.
     """
-    optimizer = StackedAdam(actors.network, len(generators), 1.0)
+    descent = Descent({"actor": actors.network}, len(generators), 1.0, None)
     worlds.restart()
     teacher.reset(worlds.current_step, np.arange(worlds.env.n_copies))
     errors = []
@@ -75,10 +75,10 @@ def clone_teacher(
         data.append(new)
         n_taken = min(config.n_passes * len(data), config.max_samples)
         size, rate = config.minibatch, config.learning_rate
-        errors.append(regress(actors, optimizer, generators, data, n_taken, size, rate))
+        errors.append(regress(actors, descent, generators, data, n_taken, size, rate))
     for _ in range(config.final_passes):
         rate *= 0.5
-        errors[-1] = regress(actors, optimizer, generators, data, len(data), size, rate)
+        errors[-1] = regress(actors, descent, generators, data, len(data), size, rate)
     return errors
 
 
@@ -110,12 +110,12 @@ def collect(
 
 
 def regress(
-    actors: Actors, optimizer: StackedAdam | Descent, generators: Sequence[np.random.Generator],
+    actors: Actors, descent: Descent, generators: Sequence[np.random.Generator],
     data: LabelledStates, n_taken: int, minibatch: int, learning_rate: float,
 ) -> Tensor:  # fmt: skip
     """Fits actors to labels; returns the mean errors, [K]; takes all samples before any again.
 
-    The optimizer's own learning rate is 1. In all, `n_taken` samples are taken.
+    The descent's own learning rate is 1. In all, `n_taken` samples are taken.
     """
     n_seeds = len(generators)
     total, taken = torch.zeros(n_seeds), 0
@@ -124,7 +124,7 @@ def regress(
         inputs, labels = (pick(x, rows) for x in data.arrays)
         errors = (actors.again(inputs[:, :, None]) - labels).square().mean(-1)
         loss = seed_means(errors, n_seeds)
-        optimizer.step(loss, learning_rate)
+        descent.step(loss, learning_rate)
         total += loss.detach() * rows.shape[1]
         taken += rows.shape[1]
         if taken >= n_taken:
