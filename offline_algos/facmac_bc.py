@@ -21,7 +21,6 @@ Deviations from FACMAC:
   paper's main results were made, and the default here. "mean" is that of VDN, the paper's
   FACMAC-vdn. Learned mixers see x: the state alone says nothing of obstacles. All average where the
   paper's add up, so that values keep their scale in teams of any size.
-
 - Those of `maddpg_bc`, for the reasons given there: the floor of mean |Q_1|, the means over robots
   and components (`rl_weight` 0.6 does with four robots what the paper's 2.5 does with a sum),
   LayerNorm, normalization, `clip_target`, warm-up, cosines, and the discount.

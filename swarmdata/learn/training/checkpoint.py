@@ -66,8 +66,7 @@ def parse_checkpoint(data: bytes, source: str) -> tuple[dict[str, Tensor], dict[
     if saved is None:
         raise CheckpointError(
             f"{source} has metadata {sorted(header)}, expected {FORMAT!r}: it was written by "
-            "another "
-            "program or another version of swarmdata, or it is damaged."
+            "another program or another version of swarmdata, or it is damaged."
         )
     text = saved.get("metadata", "")
     if _digest(tensors, text) != saved.get("sha256"):
