@@ -17,8 +17,7 @@ z is drawn independently of the mode that c already tells: after a few steps the
 from all observations, and a robot that sees less than all can read it neither there nor from z.
 `bc_latent` ties its latent to whole episodes.
 
-With `memory` gru the actors see all their observations of the episode so far (`learn.memory`); the
-flow sees the present state and observations of all, as in `mac_flow`.
+With `memory` gru the actors remember (`learn.memory`); the flow sees the present of all robots.
 
 Published studies are of an earlier version, whose flow gave the actions of all robots by one
 network and whose students copied F(c, z).

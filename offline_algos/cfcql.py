@@ -24,10 +24,9 @@ Deviations:
   pair serves all datasets. The authors choose alpha for each (0.3 to 5) in raw rewards, whose
   values are tens of times as large, with tau 1: that is a tau of a few hundredths here.
 - `gap_limit`: the penalty ends where it has done its work; `conservative.cql_gap` says why.
-- The authors make 5 critic steps for one of the actors; here it is `policy_delay` 2, after a
-  warm-up in which the critics learn the value of a clone, as in MADDPG+BC.
-- Actors are one network for all agents, which sees the agent's number. Target smoothing, LayerNorm,
-  `clip_target`, normalization and learning rates are those of `maddpg_bc`, which has their sources.
+- The authors make 5 critic steps for one of the actors; here it is `policy_delay` 2.
+- Networks, warm-up, target smoothing, LayerNorm, `clip_target`, normalization and learning rates
+  are those of `maddpg_bc`, which has their sources.
 - `bc_weight` w: the paper has none.
 """
 
@@ -37,12 +36,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from swarmdata.learn.networks.critics import (
-    JointGradient,
-    RobotCritics,
-    RobotView,
-    others_of,
-)
+from swarmdata.learn.networks.critics import JointGradient, RobotCritics, RobotView, others_of
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.conservative import (
@@ -149,10 +143,7 @@ class CFCQL(LossActorCritic):
     def mean_gap(self, log_density: Tensor, values: Tensor, q: Tensor) -> Tensor:
         """Returns the mean over robots of `cql_gap`, [K, 2].
 
-        Args:
-            log_density: of the samples, log p, [K, B, N, M].
-            values: of the samples, [K, 2, B, N, M].
-            q: of the data's actions, [K, 2, B, N].
+        The density and the values are of samples, [K, B, N, M] and [K, 2, B, N, M], q of the data.
         """
         flat = log_density.flatten(1, 2), values.flatten(2, 3), q.flatten(2)
         return cql_gap(*flat, self.config.temperature, self.config.gap_limit)

@@ -19,22 +19,11 @@ Deviations from FACMAC:
   recurrent.
 - `mixer` "free" is FACMAC's nonmonotonic factorization, "monotonic" that of QMIX, with which the
   paper's main results were made, and the default here. "mean" is that of VDN, the paper's
-  FACMAC-vdn: it mixes nothing. Where the team reward is a mean of the robots' own, a mixer has to
-  learn from x what "mean" supposes, and is slower for it. Learned mixers see x: the state alone
-  says nothing of obstacles. All average where the paper's add up, so that values keep their scale
-  in teams of any size.
-
-Those of `maddpg_bc`, for the reasons given there:
-- mean |Q_1| is taken as at least 1, one standard deviation of the returns-to-go.
-- The imitation error is averaged over agents and action components, so that value and data pull
-  one robot with the same strength in teams of any size. `rl_weight` 0.6 does with four robots what
-  the paper's 2.5 does with a sum.
-- Utilities have LayerNorm; inputs are normalized, rewards divided by the standard deviation of the
-  returns-to-go.
-- `clip_target`: y uses min(Q', R*), with R* the largest discounted return-to-go of the dataset.
-- Warm-up: in the first `bc_warmup_share` of the updates lambda is 0 and actors move
-  in every update.
-- Learning rates decay along a cosine, as in `maddpg_bc`; the discount is 0.95.
+  FACMAC-vdn. Learned mixers see x: the state alone says nothing of obstacles. All average where the
+  paper's add up, so that values keep their scale in teams of any size.
+- Those of `maddpg_bc`, for the reasons given there: the floor of mean |Q_1|, the means over robots
+  and components (`rl_weight` 0.6 does with four robots what the paper's 2.5 does with a sum),
+  LayerNorm, normalization, `clip_target`, warm-up, cosines, and the discount.
 """
 
 from dataclasses import dataclass
@@ -88,8 +77,9 @@ class FACMACBC(LossActorCritic):
     critics: FactoredCritics
 
     def __init__(self, setup: Setup, config: FACMACBCConfig) -> None:
+        mixer = chosen_mixer(setup, config.mixer, config.mixer_embedding, config.mixer_hidden)
         critics = FactoredCritics(
-            setup, config.critic_hidden, chosen_mixer(config, setup),
+            setup, config.critic_hidden, mixer,
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
         super().__init__(setup, config, critics)
@@ -111,8 +101,7 @@ class FACMACBC(LossActorCritic):
         """Returns the smaller team values of the batch's actions, for a second stage.
 
         Robot i's value of a candidate is the team's if robot i alone leaves the data. Of the
-        policies' actions, each robot gets an equal share of the team's value, so that the gradient
-        of the sum is that of the team's value.
+        policies' actions, each robot gets an equal share of the team's value.
         """
         critics = self.critics
 

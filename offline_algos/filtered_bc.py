@@ -53,10 +53,7 @@ class FilteredBCConfig(BCConfig):
             raise SchemaError(f"min_episodes is {self.min_episodes}, expected at least 1")
 
     def least_return(self, returns: Double) -> float:
-        """Returns the return of the last episode that is kept, when the best come first.
-
-        Args:
-            returns: of all episodes, [n].
+        """Returns the return of the last episode that is kept, the best of returns [n] first.
 
         Raises:
             SchemaError: there are none.

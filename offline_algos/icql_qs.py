@@ -7,13 +7,9 @@ from it; one in which a single robot i does is as near as in a problem with one 
 target of robot i's value only i's next action comes from the policy:
 
     y_i    = r_i + gamma (1 - termination) min_j Q'_ji(x', (pi'(o'_i) + clip(noise, -c, c), a'_-i))
-    gap_j  = mean_i [tau log integral exp(Q_ji(x, (b, a_-i)) / tau) db - Q_ji(x, a)]
-    L(Q_j) = mean_i (Q_ji(x, a) - y_i)^2 + alpha gap_j                      every update
-    L(pi)  = mean_i -Q_1i(x, (pi(o_i), a_-i)) / q + w 1/A |pi(o_i, i) - a_i|^2
-             every `policy_delay`-th; q = max(mean |Q_1|, 1), detached
 
-a' are the data's next actions; Q_ji, r_i and x are those of `cfcql`, which is the same algorithm
-with the policy's joint action in the targets.
+a' are the data's next actions; all else is of `cfcql`, the same algorithm with the policy's joint
+action in the targets.
 
 Deviations:
 - Where the horizon cut an episode nobody acted next, so there is no a': all agents of that row take
@@ -21,9 +17,8 @@ Deviations:
   the file, another episode's, is never used (the code of CFCQL takes it, `utils/buffer.py`).
 - No code is published. The paper draws one robot for each row of the one value that all share; here
   each robot has a value, of which it is the one that leaves the data. The paper's weighted sum over
-  several numbers of replaced agents (SPaCQL), with weights from the spread of an ensemble of ten
-  critics, is left out.
-- The penalty's deviations, the units of alpha and tau, and all else are those of `cfcql`.
+  several numbers of replaced agents (SPaCQL) is left out.
+- All others of `cfcql`.
 """
 
 from dataclasses import dataclass

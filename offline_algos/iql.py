@@ -31,12 +31,10 @@ Deviations:
   are deterministic: the weighted squared error is the paper's weighted log-likelihood for a
   Gaussian of fixed deviation; the paper's Gaussian learns a deviation that does not depend on the
   state, and acts by its mean.
-- Critics and value network have LayerNorm and serve all robots. Inputs are normalized, rewards
-  divided by the standard deviation of the returns-to-go, advantages turned to the unit above.
+- Critics and value network serve all robots. LayerNorm, normalization and the discount are those of
+  `maddpg_bc`, action masks those of `bc`.
 - The learning rates of all networks decay along a cosine; in the paper only the actor's.
 - With `memory` gru the actors remember; critics and value networks see the present alone.
-- The discount is 0.95, for the reason that `maddpg_bc` gives.
-- Recorded action masks hold when acting, as in `bc`.
 """
 
 from dataclasses import dataclass, replace
@@ -54,12 +52,7 @@ from swarmdata.learn.networks.critics import Critic, RobotView
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.objectives.losses import (
-    cloning_loss,
-    expectile_loss,
-    td_error,
-    td_target,
-)
+from swarmdata.learn.objectives.losses import cloning_loss, expectile_loss, td_error, td_target
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import (
@@ -159,11 +152,8 @@ class IQL(OfflineLearner):
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns what actors prefer of the data's actions, [K, R, N], and losses, each [K].
 
-        Args:
-            steps: transitions, [K, R, ...].
-            x: what the critics see of them.
-            actions: as the critics see them, [K, R, N, A].
-            advantages: u (q_i - V(x_i)), which is what they prefer here, [K, R, N].
+        Actions, [K, R, N, A], and x are as critics see them; advantages u (q_i - V(x_i)), [K, R,
+        N], are what actors prefer here.
         """
         return advantages, {}
 

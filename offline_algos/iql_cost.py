@@ -45,11 +45,7 @@ from swarmdata.types import Batch
 
 @dataclass(frozen=True)
 class IQLCostConfig(IQLConfig):
-    """Implicit Q-learning with costs.
-
-    Raises:
-        SchemaError: the weight is negative.
-    """
+    """Implicit Q-learning with costs; SchemaError if the weight is negative."""
 
     cost: Literal["all", "robot_collisions", "obstacle_collisions"] = "all"  # `event_costs.COSTS`
     cost_weight: float = 300.0  # lambda; see above

@@ -32,12 +32,7 @@ Deviations:
   one stage, all in every update, as in Flow Q-learning.
 - Learning rates decay along a cosine in each stage.
 - With `memory` gru the actors remember, also in y, where they act one step later. Flow and critics
-  see the present alone, as the critics of `iql` do. The flow is used in training only, and sees the
-  state, goals included, and what all robots observe: a memory of one robot's observations adds
-  nothing where the data's actions follow from these. Where they follow from the past alone, such as
-  a convention that nothing present tells, the flow draws anew in every step, and actors that
-  remember copy that. Critics are of single robots and know less than an actor that remembers: what
-  a robot was told once does not move their gradient; only the copied flow knows it.
+  see the present alone: what a robot was told once does not move a critic's gradient.
 
 How far actors climb. The copy's squared error is the same everywhere, and the slope of a critic is
 not: where a team's actions are all alike, critics were never told what others are worth. So both
@@ -49,12 +44,9 @@ scales are measured on a batch, by M samples F(c, z_m) of the flow in each row a
     loss   = - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i
 
 A mean over the data of (a - m)^2 would be v plus the squared error of m, and so climb far where the
-flow fits badly. Samples of one flow differ by what it learned of the data's spread alone, and a
-spread that it did not learn does not count.
-
-Beside the copy's error this is `anchored_loss` of `learn.objectives.losses`, times 2 v / A: actions
-leave the flow's by at most eta v times `slope_limit`, which is little where the data are all alike,
-whatever the unit of rewards.
+flow fits badly. Beside the copy's error this is `anchored_loss` of `learn.objectives.losses`, times
+2 v / A: actions leave the flow's by at most eta v times `slope_limit`, whatever the unit of
+rewards.
 
 Published studies are of an earlier version, whose flow gave the actions of all robots by one
 network, whose actors copied F(c, z) itself, and whose v was the mean of (a - m)^2.
@@ -78,7 +70,6 @@ from swarmdata.learn.networks.network_inputs import (
     information,
     normal_like,
 )
-from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -145,12 +136,7 @@ class MACFlowConfig(FlowSettings, ActorCriticConfig):
 
 
 class Climb:
-    """How far actors climb critics: the scales of K seeds, 0 until they are measured.
-
-    Args:
-        inverse_temperature: eta; 0 does not climb.
-        slope_limit: longest slope that pulls a robot, in units of s.
-    """
+    """How far actors climb critics: the scales of K seeds, 0 until they are measured."""
 
     def __init__(
         self,
@@ -171,12 +157,10 @@ class Climb:
 
     @torch.no_grad()
     def measure(self, samples: Tensor, noise: Tensor, value_of: Callable[[Tensor], Tensor]) -> None:
-        """Takes the scales of a batch.
+        """Takes the scales of M samples of the flow in each row, [K, B, N, M, A].
 
-        Args:
-            samples: of the flow, M for each row, [K, B, N, M, A].
-            noise: standard normal, of the draws, [K, B, N, M, A].
-            value_of: gives the values [K, B, N, M] of each robot's M actions.
+        `noise` is standard normal, likewise; `value_of` gives the values [K, B, N, M] of robots'
+        actions.
         """
         variance = samples.var(3).mean((1, 2, 3)).clamp(min=1e-6)  # [K]
         spread = variance.sqrt()
@@ -186,12 +170,7 @@ class Climb:
         self.weight = 2 * self._eta * variance / (samples.shape[4] * self.slope)
 
     def loss(self, pi: Tensor, values: Tensor) -> Tensor:
-        """Returns the loss, [K], whose gradient is what counts.
-
-        Args:
-            pi: the actors' actions, [K, B, N, A].
-            values: of them, with their gradient, [K, B, N].
-        """
+        """Returns the loss, [K], whose gradient counts, of actions and values [K, B, N]."""
         pull = bounded_gradient(values, pi, self._limit * self.slope)
         return -self.weight * (pull * pi).sum(3).mean((1, 2))
 
@@ -218,12 +197,13 @@ class MACFlow(OfflineLearner):
     }
 
     def __init__(self, setup: Setup, config: MACFlowConfig) -> None:
-        self.config = config
+        self.config, self.first_stage = config, config.first_stage
         self.copy = Distillation(
             setup, config, config.actor_hidden, learning_rate=config.actor_learning_rate
         )
+        mixer = chosen_mixer(setup, config.mixer, config.mixer_embedding, config.mixer_hidden)
         self.critics = FactoredCritics(
-            setup, config.critic_hidden, chosen_mixer(config, setup),
+            setup, config.critic_hidden, mixer,
             learning_rate=config.critic_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
         self.climb = Climb(
@@ -237,7 +217,7 @@ class MACFlow(OfflineLearner):
 
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...], windows with a memory; returns losses of what moved."""
-        first, scale = self.config.first_stage, self.scale
+        first, scale = self.first_stage, self.scale
         view = self.copy.actor.see(batch)
         batch = view.batch
         s, o = self.normalizer(batch.states, batch.observations)
@@ -261,21 +241,8 @@ class MACFlow(OfflineLearner):
         self.n_updates += 1
         return {name: loss.detach() for name, loss in reported.items()}
 
-    @property
-    def scale(self) -> float:
-        """The factor on all learning rates: a cosine in each stage."""
-        config, first = self.config, self.config.first_stage
-        begin, end = (0, first) if self.n_updates < first else (first, config.n_updates)
-        return cosine(self.n_updates - begin, end - begin, config.final_learning_rate_factor)
-
     def critic_loss(self, view: StudentView, s: Tensor, o: Tensor) -> Loss:
-        """Returns sum_j L(Q_j); draws the noise of the next actions.
-
-        Args:
-            view: transitions, and what the actors see of them.
-            s: normalized states, [K, B, S].
-            o: normalized observations, [K, B, N, O].
-        """
+        """Returns sum_j L(Q_j); draws the noise of the next actions. s and o are normalized."""
         y, batch = self.targets(view), view.batch  # y without a gradient
         if self.config.reward == "own":
             q = self.critics.agent_values(o, batch.actions).flatten(2)  # [K, 2, B N]
@@ -301,13 +268,7 @@ class MACFlow(OfflineLearner):
         return td_target(r[..., 0], ends, q_next, discount)
 
     def measure_climb(self, s: Tensor, o: Tensor, actions: Tensor) -> None:
-        """Measures how far actors may climb; draws noise.
-
-        Args:
-            s: normalized states, [K, B, S].
-            o: normalized observations, [K, B, N, O].
-            actions: of the data, [K, B, N, A].
-        """
+        """Measures how far actors may climb on actions of the data; draws noise."""
 
         def value_of(drawn: Tensor) -> Tensor:  # [K, B, N, M, A] -> [K, B, N, M]
             if self.config.reward == "own":
@@ -320,13 +281,7 @@ class MACFlow(OfflineLearner):
         self.climb.measure(samples, torch.stack(draws[1], 3), value_of)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
-        """Returns - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i, [K].
-
-        Args:
-            s: normalized states, [K, B, S].
-            o: normalized observations, [K, B, N, O].
-            pi: actions of the actors, [K, B, N, A]; the critics' parameters are constants.
-        """
+        """Returns - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i, [K]."""
         if self.config.reward == "own":
             values = self.critics.own_values(o, pi)  # [K, B, N]
             worth = values.mean((1, 2))

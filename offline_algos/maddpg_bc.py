@@ -134,12 +134,7 @@ class MADDPGBC(TwoStageActorCritic):
 
     @torch.no_grad()
     def targets(self, batch: Batch, noise: Tensor) -> Tensor:
-        """Returns y_i, [K, B, N], in units of scaled rewards.
-
-        Args:
-            batch: tensors [K, B, ...].
-            noise: standard normal, [K, B, N, A], of the target policies' smoothing.
-        """
+        """Returns y_i, [K, B, N], in units of scaled rewards; `noise` is standard normal."""
         o_next, config = batch.next_observations, self.config
         a_next = self.actor.smoothed(noise, o_next, config.smoothing, config.smoothing_clip)
         x_next = self.critics.view(batch.next_states, o_next)
@@ -166,13 +161,7 @@ class MADDPGBC(TwoStageActorCritic):
 
     @compilable
     def actor_gradient(self, batch: Batch, x: RobotView, rl_weight: float) -> dict[str, Tensor]:
-        """Fills the actors' gradients with that of L(pi); returns losses, each [K].
-
-        Args:
-            batch: tensors [K, B, ...].
-            x: what the critics see.
-            rl_weight: alpha; 0 clones the data.
-        """
+        """Fills the actors' gradients with that of L(pi); returns losses, [K]; alpha 0 clones."""
         pi = self.actor(batch.observations)  # [K, B, N, A]
         bc_loss = actor_loss = cloning_loss(pi, batch.actions)  # [K]
         losses = {"bc_loss": bc_loss}

@@ -5,14 +5,10 @@ critics of MATD3 (Lowe et al. 2017, eq. 6; Ackermann et al. 2019, section 4); MA
 Shao et al. 2023. Joint actions b_m are drawn evenly, near pi(o), and near pi(o'), M of each, from
 densities p_m:
 
-    y_i    = r_i + gamma (1 - termination) min_j Q'_ji(x', pi'(o') + clip(noise, -c, c))
     gap_j  = mean_i [tau log 1/3M sum_m exp(Q_ji(x, b_m) / tau) / p_m - Q_ji(x, a)]
-    L(Q_j) = mean_i (Q_ji(x, a) - y_i)^2 + alpha gap_j                      every update
     L(pi)  = mean_i -Q_1i(x, pi(o)) / q + w 1/A |pi(o_i, i) - a_i|^2
-             every `policy_delay`-th; q = max(mean |Q_1|, 1), detached
 
-Q_ji, r_i and x are those of `cfcql`, and so is the algorithm without the penalty (alpha 0). It is
-here to be compared with: the space of joint actions grows with the number of agents, and so does
+All else is that of `cfcql`. The space of joint actions grows with the number of agents, and so does
 what is penalized (Shao et al. 2023, section 3.1); `cfcql` does not have that.
 
 Deviations:
@@ -20,12 +16,7 @@ Deviations:
   own kind, that of noise before actions are clipped to [-1, 1].
 - The policies are deterministic; samples near them have Gaussian noise (`sample_noise`), as in the
   code of OMAR and CFCQL, with its log-density (OMAR's subtracts the density itself).
-- No Lagrange multiplier: alpha is fixed, and in units of scaled rewards, as is tau; `cfcql` says
-  why tau is below 1. `gap_limit` is that of `cfcql`.
-- Actors are one network for all agents, which sees the agent's number. Warm-up, target
-  smoothing, LayerNorm, `clip_target`, normalization and learning rates are those of `maddpg_bc`,
-  which has their sources.
-- `bc_weight` w: the papers have none; as `cfcql`.
+- No Lagrange multiplier: alpha is fixed. All others of `cfcql`.
 """
 
 from dataclasses import dataclass

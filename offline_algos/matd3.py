@@ -2,8 +2,7 @@
 
 MADDPG (Lowe et al. 2017, eq. 6) with the two critics, smoothed targets and delayed actors of TD3
 (Ackermann et al. 2019, section 4), trained on recorded data: the first stage of `maddpg_bc`, with
-its equations and deviations, and alpha 10 for 2.5. To that, `maddpg_cql` adds a conservative
-penalty, and `cfcql` another one; `maddpg_bc` extracts its policy in a second stage instead.
+its equations and deviations, and alpha 10 for 2.5.
 
 Deviations:
 - The papers learn in the task, without an imitation term, which is 1 / alpha as strong as the

@@ -26,15 +26,10 @@ Deviations:
   scaled rewards the weights would be even.
 - rho is 0.7 for all datasets; the authors choose 0.1 to 1 for each, and alpha as well (0.5 to 5).
   alpha and tau are in units of scaled rewards; `cfcql` says why tau is below 1.
-- The penalty's samples are uniform, as in the authors' code for particle worlds. Their code for
-  HalfCheetah also samples near the policies, and subtracts those samples' density where its
-  logarithm is meant.
+- The penalty's samples are uniform, as in the authors' code for particle worlds.
 - `gap_limit`, `clip_target` (as `maddpg_bc`, with the largest return-to-go of any robot) and
-  `bc_weight` w, none of which the paper has. The penalty is linear in Q, so on data that are all
-  alike nothing ended it: values of other actions fell without end, targets saw them through the
-  smoothing noise, and critics diverged.
-- Rewards are divided by the deviation of the robots' returns-to-go. Warm-up, target smoothing,
-  LayerNorm, normalization and learning rates are those of `maddpg_bc`, which has their sources.
+  `bc_weight` w, none of which the paper has: on data that are all alike, critics diverged.
+- Warm-up, target smoothing, LayerNorm, normalization and learning rates are those of `maddpg_bc`.
 """
 
 from dataclasses import dataclass
@@ -88,10 +83,7 @@ class OMAR(LossActorCritic):
     Config = OMARConfig
     FIELDS = ("observations", "actions", "rewards", "next_observations", "terminations")
     LOSSES = ("critic_loss", "gap", "q", "bc_loss", "policy_q", "search_loss", *EXTRACTION_LOSSES)
-    SPACE: ClassVar[Space] = {
-        **CONSERVATIVE_SPACE,
-        "rectification": Choice((0.1, 0.3, 0.7, 0.9)),
-    }
+    SPACE: ClassVar[Space] = {**CONSERVATIVE_SPACE, "rectification": Choice((0.1, 0.3, 0.7, 0.9))}
 
     critics: Critics
 
@@ -143,13 +135,7 @@ class OMAR(LossActorCritic):
         return td_target(r.flatten(1), terminations.flatten(1), q_next, self.config.discount)
 
     def gap(self, x: Tensor, actions: Tensor, q: Tensor) -> Tensor:
-        """Returns gap_j, [K, 2], the mean over agents; draws actions.
-
-        Args:
-            x: what the critics see, [K, B N, O + N].
-            actions: of the data, [K, B N, 1, A].
-            q: the critics' values of them, [K, 2, B N].
-        """
+        """Returns gap_j, [K, 2], the mean over agents, of x, actions and their q; draws actions."""
         samples = uniform_samples(self.generators, actions, self.config.n_samples)
         values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B N, M]
         config = self.config
@@ -166,12 +152,7 @@ class OMAR(LossActorCritic):
 
     @torch.no_grad()
     def search(self, x: Tensor, pi: Tensor) -> Tensor:
-        """Returns the best actions found, [K, B N, 1, A]; draws the candidates.
-
-        Args:
-            x: what the critics see, [K, B N, O + N].
-            pi: actions of the policies, [K, B N, 1, A].
-        """
+        """Returns the best actions found, [K, B N, 1, A], pi among them; draws the candidates."""
         config = self.config
         mu = torch.zeros_like(pi)[:, :, None]  # [K, B N, 1, 1, A]
         sigma = torch.full_like(mu, config.search_deviation)

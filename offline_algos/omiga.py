@@ -23,15 +23,13 @@ Deviations:
   above 1, and policies follow the errors of the values.
 - In L(V_i), exp(z) goes on as its tangent above exp(z) = w*. The code cuts z at 10 instead, which
   leaves such samples no gradient but that of + w V / alpha: it lowers a V that is too low already.
-  The subtraction of the largest z, which the cut makes necessary, is not needed then.
 - In L(pi), the code has weights as factors, exp(10) = 22,026 at most, and beta 1. As factors of at
   most w* they were in the published studies.
 - w_i = |1 + h_i(x)| / N rather than |h_i(x)|: `mixers.LinearMixer` says why.
 - Actors are deterministic and cloned with a weighted squared error, as in `iql`; the paper's are
   Gaussians under a tanh.
-- Utilities and V_i have LayerNorm, and all see normalized inputs. x has the state; in the code it
-  is the observations.
-- Learning rates decay along a cosine; the discount is 0.95, for the reason that `maddpg_bc` gives.
+- x has the state; in the code it is the observations. LayerNorm, normalization, cosines and the
+  discount are those of `maddpg_bc`.
 """
 
 from dataclasses import dataclass
@@ -47,12 +45,7 @@ from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.team_networks import Team
-from swarmdata.learn.objectives.losses import (
-    cloning_loss,
-    soft_value_loss,
-    td_target,
-    team_reward,
-)
+from swarmdata.learn.objectives.losses import cloning_loss, soft_value_loss, td_target, team_reward
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
 from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
 from swarmdata.learn.policies.trained import actor_policy
@@ -136,13 +129,7 @@ class OMIGA(OfflineLearner):
         return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
 
     def value_loss(self, s: Tensor, o: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns L(V_i), [K], and z_i, [K, B, N].
-
-        Args:
-            s: normalized states, [K, B, S].
-            o: normalized observations, [K, B, N, O].
-            actions: of the data, [K, B, N, A].
-        """
+        """Returns L(V_i), [K], and z_i, [K, B, N], of normalized s, o and the data's actions."""
         with torch.no_grad():
             q = self.critics.agent_values(o, actions, self.critics.target_utilities)[:, 0]
             w, _ = self.mixer.weights(information(s, o), self.critics.target_mixer)  # [K, B, N]

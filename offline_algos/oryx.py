@@ -45,8 +45,7 @@ from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.segments import learned_rows, take
-from swarmdata.learn.memory.sequence_actor import SequenceActor, SequenceSettings
-from swarmdata.learn.memory.sequence_networks import Mixture
+from swarmdata.learn.memory.sequence_networks import Mixture, SequenceActor, SequenceSettings
 from swarmdata.learn.networks.critics import RobotViews
 from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
@@ -180,13 +179,8 @@ def lambda_returns(
 ) -> Tensor:
     """Returns G_t of the steps of windows, [K, B, L, N]; the last of a window bootstraps alone.
 
-    Args:
-        rewards: [K, B, L, N].
-        terminations: whether the task ended, bool [K, B, L].
-        next_values: V' of the states reached, [K, B, L, N].
-        mask: False on padding, [K, B, L].
-        discount: gamma.
-        trace_decay: lambda.
+    Rewards and V' of the states reached are [K, B, L, N]; terminations and the mask, which is False
+    on padding, [K, B, L].
     """
     goes_on = discount * (~terminations)[..., None]
     following, found = next_values[:, :, -1], []

@@ -6,16 +6,12 @@ continuous actions. `offline_algos.vdn` explains the symbols, the rule and the `
 names the sources:
 
     Q_j(x, a) = f_j(Q_j(o_1, a_1), ..., Q_j(o_N, a_N); x)         df_j / dQ_j(o_i, a_i) >= 0
-    a'_i  = rule(1/2 sum_j U_j(o'_i), pi_b(. | o'_i))             chosen by the online networks
-    y     = r + gamma (1 - termination) min(1/2 sum_j Q'_j(x', a'), R*)       valued by the targets
-    L_td  = sum_j Huber(Q_j(x, a) - y),                           plus L_b or L_cql of `vdn`
 
-f is `mixers.HyperMixer`, and x = (state, all observations), normalized. The algorithm without
-what it is named after, the mixing network, is `vdn`.
+f is `mixers.HyperMixer`, and x = (state, all observations), normalized. Without the mixing network,
+the algorithm is `vdn`, whose targets and losses it has.
 
 Deviations: those of `offline_algos.vdn` but the first, and
-- the hypernetwork sees x, the paper's the state alone, which says nothing of obstacles here
-  (`network_inputs.information`).
+- the hypernetwork sees x, the paper's the state alone, which says nothing of obstacles here.
 - One hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
   paper they are separate, and the weights are linear in the state.
 - Each of the two utility networks has a mixing network of its own.

@@ -32,17 +32,14 @@ Without it the weights of QMIX's mixer and its values drive each other up
 (tests/record/test_playing_choices.py).
 
 `temperature` and `cql_weight` (alpha) are in units of scaled rewards; Beeson et al. have 1 and 0.25
-in raw ones. A smaller temperature gains on mixed data and loses on expert data; the default is a
-compromise.
+in raw ones. A smaller temperature gains on mixed data and loses on expert data.
 
 Deviations:
 - The mean over robots instead of the sum: the team reward is a mean too, so that values keep their
   scale in teams of any size. The greedy choices are the same.
 - Recorded continuous actions are interpolated between bins, not moved to the nearest one.
-- Feed-forward networks, as observations hold velocities; with `memory` gru, one gated unit of a
-  seed remembers for all its networks, and the targets have a slow copy of it. Slowly moving
-  targets, Huber loss, LayerNorm in the utility networks, a cosine of learning rates. Observations
-  are normalized with the dataset's statistics, rewards divided by the deviation of returns-to-go.
+- With `memory` gru, one gated unit of a seed remembers for all its networks, and the targets have a
+  slow copy of it. Slowly moving targets, Huber loss, LayerNorm, cosines and normalization.
 - Recorded action masks hold when acting (`swarmdata.evaluate_parallel`); batches do not have them,
   so that targets may value forbidden choices, which `bc` and `bcq` leave out as nobody took them.
 """
@@ -53,12 +50,7 @@ from typing import ClassVar
 import torch
 from torch import Tensor
 
-from swarmdata.learn.choices.utility_networks import (
-    DecompositionConfig,
-    Evaluated,
-    Seen,
-    UtilityNetworks,
-)
+from swarmdata.learn.choices.utility_networks import DecompositionConfig, Seen, UtilityNetworks
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
@@ -80,17 +72,6 @@ GREEDY_EVERY = 10
 """Updates between two measurements of `greedy_q`, which nothing learns from."""
 
 
-DECOMPOSITION_SPACE: Space = {
-    "learning_rate": LogUniform(3e-4, 1e-2),
-    "discount": Choice((0.9, 0.95, 0.98)),
-    "tau": LogUniform(3e-3, 0.1),
-    "regulariser": Choice(("bc", "bcq", "cql")),
-    "temperature": LogUniform(0.05, 5.0),
-    "threshold": Choice((0.2, 0.5, 0.8)),
-    "cql_weight": LogUniform(1e-2, 1.0),
-}
-
-
 @dataclass(frozen=True)
 class VDNConfig(DecompositionConfig):
     """Settings of offline VDN: those of every value decomposition."""
@@ -102,9 +83,17 @@ class VDN(OfflineLearner):
     Config: type[DecompositionConfig] = VDNConfig
     FIELDS = (*TRANSITION, "log_probs")
     LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
-    SPACE: ClassVar[Space] = DECOMPOSITION_SPACE
     """`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the
     value of the data's actions, and both leave what the data return, values are overestimated."""
+    SPACE: ClassVar[Space] = {
+        "learning_rate": LogUniform(3e-4, 1e-2),
+        "discount": Choice((0.9, 0.95, 0.98)),
+        "tau": LogUniform(3e-3, 0.1),
+        "regulariser": Choice(("bc", "bcq", "cql")),
+        "temperature": LogUniform(0.05, 5.0),
+        "threshold": Choice((0.2, 0.5, 0.8)),
+        "cql_weight": LogUniform(1e-2, 1.0),
+    }
 
     def __init__(
         self, setup: Setup, config: DecompositionConfig, mixer: StackedMLP | None = None
@@ -121,34 +110,32 @@ class VDN(OfflineLearner):
         networks = self.networks
         seen = networks.see(batch)
         y = self.targets(seen)
-        evaluated = networks.evaluate(seen)
-        total, reported = self.loss(evaluated, y)
+        utilities, log_probs = networks.utilities(seen.features), networks.log_probs(seen.features)
+        weights = networks.choices.weights(seen.batch.actions)
+        x = networks.information(seen.batch.states, seen.features)
+        q = self.value(utilities, weights, x)  # [K, J, B]
+        total, reported = self.loss(q, y, utilities, weights, log_probs)
         if self.n_updates % GREEDY_EVERY == 0:
             with torch.no_grad():
-                greedy = networks.act(evaluated.utilities, evaluated.log_probs)
-                values = self.value(evaluated.utilities, greedy, evaluated.information)
+                values = self.value(utilities, networks.act(utilities, log_probs), x)
             reported["greedy_q"] = values.mean((1, 2))
         networks.descent.step(total, self.scale)
         networks.descent.follow(self.config.tau)
         self.n_updates += 1
         return {name: loss.detach() for name, loss in reported.items()}
 
-    def loss(self, batch: Evaluated, y: Tensor) -> Loss:
-        """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K].
-
-        Args:
-            batch: as the networks see it.
-            y: targets without a gradient, [K, B].
-        """
-        config, weights = self.config, batch.weights
-        q = self.value(batch.utilities, weights, batch.information)  # [K, J, B]
+    def loss(
+        self, q: Tensor, y: Tensor, utilities: Tensor, weights: Tensor, log_probs: Tensor | None
+    ) -> Loss:
+        """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K], of targets y [K, B]."""
+        config = self.config
         td_loss = huber_error(q, y)  # [K]
         reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
-        if batch.log_probs is not None:
-            loss = behavior_loss(batch.log_probs, weights, config.behavior_head)  # [K]
+        if log_probs is not None:
+            loss = behavior_loss(log_probs, weights, config.behavior_head)  # [K]
             return Loss(td_loss + loss, reported | {"behavior_loss": loss})
         if config.regulariser == "cql":
-            gap = conservative_gap(batch.utilities, weights, self.networks.choices.exists)  # [K]
+            gap = conservative_gap(utilities, weights, self.networks.choices.exists)  # [K]
             return Loss(td_loss + config.cql_weight * gap, reported | {"conservative_gap": gap})
         return Loss(td_loss, reported)
 
@@ -157,11 +144,8 @@ class VDN(OfflineLearner):
     ) -> Tensor:
         """Returns the team's Q_j, [K, J, B].
 
-        Args:
-            utilities: [K, J, B, N, D, C].
-            weights: the actions as weights of the choices, [K, B, N, D, C].
-            x: state and all observations, normalized, [K, B, S + N O].
-            mixer: other parameters to mix with, those of the targets.
+        Utilities are [K, J, B, N, D, C], weights of the choices [K, B, N, D, C], x [K, B, S + N O];
+        `mixer` is a slow copy of the mixer's networks.
         """
         return self.mix(robot_values(utilities, weights), x, mixer)
 

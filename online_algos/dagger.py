@@ -21,7 +21,6 @@ Deviations:
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 import torch
@@ -32,23 +31,16 @@ from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.network_inputs import generators as torch_generators
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.team_networks import Parameters
+from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
+from swarmdata.online_algos.actors.mean_actors import Actors, collection_state, restore_collection
 from swarmdata.online_algos.collection.input_moments import N_MEASURED, measure_moments
-from swarmdata.online_algos.collection.training_worlds import Worlds, pack, unpack
-from swarmdata.online_algos.continuation.offline_start import (
-    OfflineStart,
-    actor_settings,
-    load_actors,
-)
+from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.continuation.offline_start import OfflineStart, actor_settings
 from swarmdata.online_algos.imitation.labelled_states import StoredStates
 from swarmdata.online_algos.imitation.teacher_cloning import collect, regress
-from swarmdata.online_algos.imitation.teachers import (
-    TeacherSettings,
-    kept_safe,
-    make_teacher,
-)
-from swarmdata.online_algos.ppo.networks import Actors
+from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
 from swarmdata.perception.frames import find_frame
 
 
@@ -81,16 +73,10 @@ class DAggerConfig(TeacherSettings):
 
 
 class DAgger:
-    """K training runs: rounds of collection and regression.
-
-    Args:
-        env: K E copies of the task.
-        seeds: of everything random in each run, [K].
-        config: hyperparameters.
-        folder: of the labelled states.
+    """K training runs, in K E copies of a task: rounds of collection and regression.
 
     Raises:
-        CheckpointError: the folder has the states of another run.
+        CheckpointError: the folder has the labelled states of another run.
         SpecError: the teacher does not fit the task, or the task has no such frame.
         UnknownNameError: there is no such teacher.
     """
@@ -130,13 +116,8 @@ class DAgger:
         return False
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors and the statistics of their inputs.
-
-        Raises:
-            CheckpointError: the actors do not fit.
-        """
-        load_actors(start, self.seeds, self.policy(0), self.actors.network)
-        self.actors.input_mean, self.actors.input_std = start.moments(len(self.seeds))[:2]
+        """Takes over actors and the statistics of their inputs; CheckpointError if unfit."""
+        self.actors.start_from(start, self.seeds, self.worlds.frame)
         return []
 
     def update(self) -> dict[str, Tensor]:
@@ -155,9 +136,8 @@ class DAgger:
         self.frames += c.rollout_steps * c.n_copies
         return {"error": error, "std": torch.full((len(self.seeds),), c.noise)}
 
-    def policy(self, index: int) -> TorchPolicy:
-        policy = self.actors.policy(index, self.worlds.frame)
-        return cast("TorchPolicy", policy)  # the actors have no memory
+    def policy(self, index: int) -> TorchPolicy | RecurrentPolicy:
+        return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:
         """Begins new episodes everywhere, as loading a state does."""
@@ -172,12 +152,8 @@ class DAgger:
         """Everything but the running episodes and the labelled states, which are on disk then."""
         return {
             **self.descent.state_dict(),
-            **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
+            **collection_state(self),
             **{f"states.{k}": v for k, v in self.states.state_dict().items()},
-            "input.mean": torch.from_numpy(self.actors.input_mean.copy()),
-            "input.std": torch.from_numpy(self.actors.input_std.copy()),
-            "frames": torch.tensor(self.frames),
-            "generators": pack([generator.bit_generator.state for generator in self.generators]),
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
@@ -187,11 +163,6 @@ class DAgger:
             CheckpointError: the folder does not hold the labelled states of this state.
         """
         self.states.load_state_dict(part(state, "states"))
-        self.actors.input_mean = state["input.mean"].numpy().copy()
-        self.actors.input_std = state["input.std"].numpy().copy()
         self.descent.load_state_dict(state)
-        self.frames = int(state["frames"])
-        for generator, known in zip(self.generators, unpack(state["generators"]), strict=True):
-            generator.bit_generator.state = known
-        self.worlds.load_state_dict(part(state, "worlds"))
+        restore_collection(self, state)
         self._show_episodes()

@@ -18,9 +18,8 @@ critics if they are of each robot's own reward. The actors rest in the first
 stage value the actors of the first one, and new ones know nothing.
 
 Deviations:
-- The critics are those of `offline_algos.maddpg_bc`: one network gives the N values in N rows, and
-  sees everything in the frame of the robot (`networks.critics`), where the paper has a network
-  for each robot. The robots are a team: all climb the mean of the values.
+- The critics are those of `offline_algos.maddpg_bc`, one network for all robots. The robots are a
+  team: all climb the mean of the values.
 - `joint_gradient` "all": every robot's action in Q comes from its policy (the centralized gradient
   of FACMAC, Peng et al. 2021, equation 7). "own" is the paper's equation 5: robot i's action comes
   from its policy, the others' from the replay.
@@ -92,10 +91,8 @@ WHEN_STARTED = {
 }
 """Settings of a training that starts from an offline run, where the user gives no others.
 
-Random actions would fill the replay with what the policy never meets, and the gradient of critics
-that do not know the policy would undo it. So the policy acts for a while before anything learns
-(WSRL, Zhou et al. 2025, arXiv 2412.07762), and critics learn for a while before it moves. Figures
-are in docs/online-learning.md."""
+The policy acts for a while before anything learns (WSRL, Zhou et al. 2025, arXiv 2412.07762), and
+critics learn for a while before it moves. Figures are in docs/online-learning.md."""
 
 NOISE_STREAM = 2
 """Stream of a seed's smoothing noise; the networks have the streams before it."""
@@ -137,14 +134,7 @@ class MADDPGConfig(ReplaySettings):
 
 
 class Learner:
-    """K seeds of actors and critics, trained on batches of observations and states as seen.
-
-    Args:
-        sizes: numbers of robots and features.
-        moments: that normalize inputs.
-        seeds: of initial parameters and noise, [K].
-        config: settings.
-    """
+    """K seeds of actors and critics, trained on batches of observations and states as seen."""
 
     LOSSES = ("critic_loss", "q", "policy_q")
 

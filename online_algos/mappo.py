@@ -36,9 +36,9 @@ Deviations:
 - every robot is trained on its own reward, which `shaping` changes;
 - a small penalty on means outside [-1, 1], so that the clipped mean which is deployed is the one
   that was trained;
-- training may start from other policies (`start`, or an offline run: `ppo.initial_weights`) or from
-  a clone of a teacher; then only the critic learns at first (`critic_warmup_fraction`), since the
-  advantages of an untrained critic would undo the clone;
+- training may start from other policies (`start`, or an offline run) or from a clone of a teacher;
+  then only the critic learns at first (`critic_warmup_fraction`), since the advantages of an
+  untrained critic would undo the clone. Recorded data are not mixed in;
 - the actor's and the critic's gradients are clipped separately.
 """
 
@@ -61,38 +61,23 @@ from swarmdata.learn.networks.perceptrons import StackedLayers
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.checkpoint import part
-from swarmdata.online_algos.collection.input_moments import measure_moments
-from swarmdata.online_algos.collection.training_worlds import (
-    Worlds,
-    pack,
-    standard_normal,
-    unpack,
-)
-from swarmdata.online_algos.ppo.initial_weights import (
-    StartConfig,
-    initial_weights,
-    settings_of,
-    start_from,
-)
-from swarmdata.online_algos.ppo.networks import (
-    Actors,
-    Critic,
-    LearnedDeviation,
-    fill_values,
-)
-from swarmdata.online_algos.ppo.rollout_samples import (
-    Rollout,
-    critic_states,
-    empty_rollout,
+from swarmdata.online_algos.actors.mean_actors import Actors, collection_state, restore_collection
+from swarmdata.online_algos.actors.sample_rows import (
     minibatches,
     pick,
     sample_rows,
     sample_segments,
     seed_means,
 )
+from swarmdata.online_algos.collection.input_moments import measure_moments
+from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
+from swarmdata.online_algos.continuation.offline_start import OfflineStart, actor_settings
+from swarmdata.online_algos.ppo.initial_weights import StartConfig, initial_weights
+from swarmdata.online_algos.ppo.networks import Critic, LearnedDeviation
+from swarmdata.online_algos.ppo.rollouts import Rollout, critic_states, empty_rollout, fill_values
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig, shape_rewards
 from swarmdata.perception.frames import find_frame
+from swarmdata.specs.features import Feature
 from swarmdata.types import Bool, Float, copy_step
 
 
@@ -165,14 +150,14 @@ class MAPPOConfig:
             )
 
 
-class MAPPO:
-    """K training runs: rollouts and updates.
+WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
+"""Settings of a training that starts from an offline run, where the user gives no others.
 
-    Args:
-        env: K E copies of the task.
-        seeds: of everything random in each run, [K].
-        config: hyperparameters.
-        folder: unused, as nothing is too large for a checkpoint.
+The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
+
+
+class MAPPO:
+    """K training runs, in K E copies of a task: rollouts and updates. `folder` stays empty.
 
     Raises:
         SpecError: the shaping does not fit the task, or the task has no such frame.
@@ -180,8 +165,6 @@ class MAPPO:
 
     Config = MAPPOConfig
     LOSSES = ("policy", "value", "kl", "reward", "std")
-
-    settings_of, start_from = staticmethod(settings_of), start_from
 
     def __init__(
         self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
@@ -245,12 +228,32 @@ class MAPPO:
         )
         return start.has_teacher
 
+    @staticmethod
+    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
+        """Returns the settings of the run's actors, and `WHEN_STARTED`."""
+        return actor_settings(start, features) | WHEN_STARTED
+
+    def start_from(self, start: OfflineStart) -> list[str]:
+        """Takes over actors and the statistics of their inputs.
+
+        Raises:
+            CheckpointError: the actors do not fit.
+            SpecError: `config.start` names other policies or a teacher.
+        """
+        if self.config.start != StartConfig():
+            raise SpecError(
+                f"the settings start.* name other policies or a teacher, but training starts from "
+                f"{start.name}; leave one of them out"
+            )
+        self.actors.start_from(start, self.seeds, self.worlds.frame)
+        return [f"The critic begins anew: {start.run.algorithm} has none of mappo's kind."]
+
     def update(self) -> dict[str, Tensor]:
         """One rollout and its gradient steps.
 
         Returns:
-            The losses of the last minibatches, NaN of actors that do not learn yet; the mean
-            reward that was trained on; the standard deviation of the actions. Each [K].
+            The losses of the last minibatches, NaN of actors that do not learn yet; the mean reward
+            that was trained on; the standard deviation of the actions. Each [K].
         """
         c, std = self.config, self._mean_std()
         self.env.progress = self.progress
@@ -303,7 +306,7 @@ class MAPPO:
     ) -> dict[str, Tensor]:
         """Epochs of minibatches; the actors and the critic draw their own; all [T, K, E, N]."""
         c = self.config
-        of_actors = self.actors.seen(r) + [
+        of_actors = self.actors.seen(r.actor_inputs, r.memories, r.ended) + [
             sample_segments(torch.from_numpy(x), c.parameters, self.actors.window)
             for x in (r.actions, r.log_probs, normalized(advantages))
         ]  # L steps each: [K, T E N / L, L, ...] or [K N, T E / L, L, ...]
@@ -375,25 +378,16 @@ class MAPPO:
         return {
             **self.actor_descent.state_dict(),
             **self.critic_descent.state_dict(),
-            **{f"worlds.{k}": v for k, v in self.worlds.state_dict().items()},
-            "input.mean": torch.from_numpy(self.actors.input_mean.copy()),
-            "input.std": torch.from_numpy(self.actors.input_std.copy()),
-            "scale": self.critic.scale.tensor(),
-            "frames": torch.tensor(self.frames),
-            "generators": pack([generator.bit_generator.state for generator in self.generators]),
+            **collection_state(self),
+            "scale": torch.from_numpy(self.critic.scale.moments.copy()),
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """Restores what `state_dict` returned and begins new episodes."""
-        self.actors.input_mean = state["input.mean"].numpy().copy()
-        self.actors.input_std = state["input.std"].numpy().copy()
         self.actor_descent.load_state_dict(state)
         self.critic_descent.load_state_dict(state)
         self.critic.scale.moments = state["scale"].numpy().copy()
-        self.frames = int(state["frames"])
-        for generator, known in zip(self.generators, unpack(state["generators"]), strict=True):
-            generator.bit_generator.state = known
-        self.worlds.load_state_dict(part(state, "worlds"))
+        restore_collection(self, state)
         self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 
 
@@ -403,16 +397,8 @@ def generalized_advantages(
 ) -> Float:  # fmt: skip
     """Advantages, bootstrapped through truncation and cut at every episode end, [T, C, N].
 
-    C stands for any axes of copies.
-
-    Args:
-        rewards: [T, C, N].
-        values: of the states acted in, [T, C, N].
-        next_values: of the next states, before any reset, [T, C, N].
-        terminations: the task ended, so nothing follows, [T, C].
-        ended: the episode ended, by termination or truncation, [T, C].
-        discount: gamma.
-        gae_lambda: lambda.
+    C stands for any axes of copies. Next values are of the states before any reset; terminations,
+    after which nothing follows, and ends by these or truncation are [T, C], all else [T, C, N].
     """
     deltas = rewards + discount * ~terminations[..., None] * next_values - values  # (1)
     advantages = np.zeros_like(deltas)
@@ -437,16 +423,9 @@ def clipped_losses(
     """Returns the negative clipped objective of each sample, and its divergence, two [R, B].
 
     The divergence estimates KL(old, new) by ratio - 1 - log ratio, which is never negative
-    (Schulman, "Approximating KL divergence", 2020); it has no gradient.
-
-    Args:
-        means: of the current policies, [R, B, A].
-        actions: taken, [R, B, A].
-        old_log_probs: of them under the policies that took them, up to the constant
-            A log(2 pi) / 2, which cancels, [R, B].
-        advantages: normalized, [R, B].
-        std: standard deviation of the actions, a number or [R, 1, A].
-        clip: largest change of a ratio from 1 that is rewarded, c.
+    (Schulman, "Approximating KL divergence", 2020); it has no gradient. Means of the current
+    policies and actions are [R, B, A]; log-probabilities under the policies that took them, up to A
+    log(2 pi) / 2, which cancels, and advantages [R, B]; std a number or [R, 1, A].
     """
     z = (actions - means) / std
     log_std = std.log() if isinstance(std, Tensor) else np.log(std)
@@ -458,17 +437,11 @@ def clipped_losses(
 
 
 def value_losses(values: Tensor, returns: Tensor, old: Tensor, clip: float | None) -> Tensor:
-    """Returns the loss of each value, [K, B]: (6), clipped or not.
+    """Returns the loss of each value, [K, B]: (6), clipped or not, of standardized returns.
 
     With a clip it is the larger of the losses of the value and of what the clip leaves of its
-    change, so that a value that has moved too far has no gradient unless it moves back (the code of
-    PPO2 and MAPPO).
-
-    Args:
-        values: outputs of the critic, [K, B].
-        returns: standardized, [K, B].
-        old: outputs before the update, [K, B].
-        clip: largest change, c_V; None does not clip.
+    change from the old one, so that a value that has moved too far has no gradient unless it moves
+    back (the code of PPO2 and MAPPO).
     """
     losses: Tensor = smooth_l1_loss(values, returns, reduction="none")
     if clip is None:

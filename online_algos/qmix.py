@@ -5,21 +5,14 @@ learning", ICML 2018, equations 5 and 6, over choices among bins of each action 
 (`learn.choices.bins`), trained by double Q-learning (van Hasselt et al. 2016, equation 4):
 
     Q_tot(x, u) = f(Q_1(o_1, u_1), ..., Q_N(o_N, u_N); x)         dQ_tot / dQ_i >= 0
-    u'_i  = argmax_u Q_i(o'_i, u)                          chosen by the online networks
-    y     = r + gamma (1 - termination) Q'_tot(x', u')              valued by the targets
-    L     = Huber(Q_tot(x, u) - y)
 
-Q_i is the mean over action dimensions, f is `mixers.HyperMixer`, and x = (state, all
-observations). Without the mixing network it is `online_algos.vdn`.
+f is `mixers.HyperMixer`, and x = (state, all observations). Without the mixing network it is
+`online_algos.vdn`, whose targets and loss it has.
 
-Deviations:
-- The hypernetwork sees x, the paper's the state alone, which says nothing of obstacles here
-  (`network_inputs.information`).
+Deviations: those of `online_algos.vdn` but the first, and
+- the hypernetwork sees x, the paper's the state alone, which says nothing of obstacles here.
 - One hypernetwork with a hidden layer gives all weights and biases of the mixing network; in the
   paper they are separate, and the weights are linear in the state.
-- Feed-forward networks, no recurrent ones: observations hold velocities.
-- Single transitions from many copies instead of whole episodes; slowly moving targets instead of
-  hard copies; Huber loss; actions and observations turned to the robot's target (`frame`).
 """
 
 from collections.abc import Sequence

@@ -73,24 +73,14 @@ class VDNConfig(ReplaySettings):
 
 
 class VDNLearner:
-    """K seeds of utility networks, trained on batches of bins.
+    """K seeds of utility networks, trained on batches of bins, and perhaps of a mixer's networks.
 
     A discrete action space is the case of one dimension: with `sizes.action` 1 there are `n_bins`
     actions to choose from.
-
-    Args:
-        sizes: numbers of robots and features; `action` is the number of choices to make.
-        seeds: of the initial parameters, [K].
-        config: settings.
-        mixer: networks of a mixer to train along; None if nothing of it is learned.
     """
 
     def __init__(
-        self,
-        sizes: Sizes,
-        seeds: Sequence[int],
-        config: VDNConfig,
-        mixer: StackedMLP | None = None,
+        self, sizes: Sizes, seeds: Sequence[int], config: VDNConfig, mixer: StackedMLP | None = None
     ) -> None:
         self.config = config
         n_outputs = sizes.action * config.n_bins
@@ -107,37 +97,20 @@ class VDNLearner:
         self.load_state_dict = self.descent.load_state_dict
 
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
-        """Returns the utility of every bin, [K, J, B, N, D, C].
-
-        Args:
-            features: normalized observations, [K, B, N, F].
-            network: other parameters to use, those of the targets.
-        """
+        """Returns the utility of every bin, [K, J, B, N, D, C], of normalized [K, B, N, F]."""
         n_critics = self.config.n_critics
         outputs = self.team(features.repeat_interleave(n_critics, 0), network)
         utilities = bins.by_dimension(outputs, self.config.n_bins)
         return utilities.view(-1, n_critics, *utilities.shape[1:])
 
     def value(self, features: Tensor, states: Tensor, places: Tensor) -> Tensor:
-        """Returns Q_tot of each critic, [K, J, B], of places among bins [K, B, N, D].
-
-        Args:
-            features: normalized observations, [K, B, N, O].
-            states: normalized, [K, B, S].
-            places: `bins.places`; whole numbers are bins.
-        """
+        """Returns Q_tot of each critic, [K, J, B], of `bins.places` [K, B, N, D]."""
         utilities = self.utilities(features)
         values = bins.interpolated(utilities, by_critic(places, utilities))  # [K, J, B, N]
         return self.mix(values, information(states, features))
 
     def mix(self, values: Tensor, x: Tensor, network: StackedMLP | None = None) -> Tensor:
-        """Returns Q_tot, [K, J, B], of robots' values [K, J, B, N] and x, [K, B, X].
-
-        Args:
-            values: Q_i of each critic.
-            x: states and observations, normalized; of no use to the mean.
-            network: other parameters to mix with, those of the targets.
-        """
+        """Returns Q_tot, [K, J, B], of robots' [K, J, B, N] and x [K, B, X], unused by a mean."""
         return values.mean(-1)
 
     @torch.no_grad()
@@ -155,9 +128,7 @@ class VDNLearner:
     def update(self, batch: Batch, scale: float = 1.0) -> dict[str, Tensor]:
         """One step on tensors [K, B, ...] down Huber(Q_tot - y); returns losses, each [K].
 
-        Args:
-            batch: normalized observations and states, places among bins as actions.
-            scale: factor on the learning rate.
+        Observations and states are normalized, actions places among bins.
         """
         y = self.targets(batch)
         q = self.value(batch.observations, batch.states, batch.actions)  # [K, J, B]
@@ -174,7 +145,7 @@ def by_critic(values: Tensor, utilities: Tensor) -> Tensor:
 
 def greedy_choices(utilities: Tensor) -> Tensor:
     """Returns the best bins, [K, B, N, D], of utilities [K, J, B, N, D, C]."""
-    return bins.greedy(utilities.mean(1))
+    return utilities.mean(1).argmax(-1)
 
 
 WHEN_STARTED = {"epsilon": "0.1"}

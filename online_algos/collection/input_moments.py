@@ -27,7 +27,7 @@ class Moments(NamedTuple):
     """Mean and standard deviation of every feature, by seed.
 
     Those that are measured here are float32, and the deviation of constant features is 1; those of
-    an offline run are float64, as its policies have them (`continuation.offline_start`).
+    an offline run are float64, as its policies have them.
     """
 
     observation_mean: Float | Double  # [K, O]
@@ -54,15 +54,10 @@ class SeedNormalizer:
 
 
 def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int) -> Moments:
-    """Takes uniform random actions, measures observations and states, and begins new episodes.
+    """Takes `n_steps` uniform random steps, measures what is seen, and begins new episodes.
 
     The moments of a seed depend on its generator and its episodes only. Training freezes them, so
     that an actor is one fixed function.
-
-    Args:
-        worlds: where to act; advanced by `n_steps` and then restarted.
-        generators: of the actions, one per seed, [K].
-        n_steps: steps of every copy.
 
     Raises:
         SchemaError: the number of generators or of steps is wrong.

@@ -34,11 +34,7 @@ class RecordedSource(Frozen):
 
     @classmethod
     def of(cls, data: Data, share: float) -> "RecordedSource":
-        """Describes data, of which batches are to have a share.
-
-        Raises:
-            SpecError: the share is not between 0 and 1.
-        """
+        """Describes data, of which batches are to have a share; SpecError unless in (0, 1)."""
         if not 0 < share < 1:
             raise SpecError(
                 f"the offline share is {share:g}, expected above 0 and below 1: the part of each "
@@ -49,22 +45,14 @@ class RecordedSource(Frozen):
         )
 
     def check(self, data: Data | None) -> None:
-        """Checks that data are those described.
-
-        Raises:
-            SchemaError: they are others.
-        """
+        """Raises SchemaError if data are not those described."""
         if data is None or RecordedSource.of(data, self.share) != self:
             got = "none" if data is None else repr(data)
             raise SchemaError(f"got the data {got}, expected {self.id} with digest {self.digest}")
 
 
 def check_spec(data: Data, spec: TaskSpec) -> None:
-    """Checks that data were recorded in a task, with its rewards.
-
-    Raises:
-        SchemaError: they were recorded in another one.
-    """
+    """Raises SchemaError if data were not recorded in a task, with its rewards."""
     if data.spec.hash() != spec.hash():
         raise SchemaError(
             f"{data.id} was recorded in {data.spec.task} with another spec: it differs in "
@@ -75,13 +63,8 @@ def check_spec(data: Data, spec: TaskSpec) -> None:
 class RecordedRows:
     """Endless seeded streams of recorded transitions, one for each seed.
 
-    Args:
-        data: to draw from.
-        frame: in which the robots see and act; None for the world's.
-        seeds: of the runs, [K].
-        batch_size: rows of a whole batch.
-        share: the part of them that is recorded; at least one row of each kind is drawn.
-        stored: gives what the algorithm stores of actions in [-1, 1].
+    At least one row of each kind is in a batch. `stored` gives what the algorithm stores of actions
+    in [-1, 1], which are in the robots' `frame`; None: the world's.
     """
 
     def __init__(

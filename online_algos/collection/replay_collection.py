@@ -75,11 +75,7 @@ class ReplaySettings:
 class OffPolicy(ABC):
     """K seeds of an algorithm that learns from a replay of their steps in worlds of their own.
 
-    Args:
-        env: K E copies of a task.
-        seeds: of everything random, [K].
-        config: settings, with those of `ReplaySettings`.
-        folder: of the replay.
+    `env` has K E copies of a task, `folder` gets the replay.
 
     Raises:
         SchemaError: there are not `n_copies` for each seed.
@@ -118,20 +114,11 @@ class OffPolicy(ABC):
 
     @abstractmethod
     def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns actions, [K, E, N, A], and what is stored of them, [K, E, N, ...].
-
-        Args:
-            observations: normalized, [K, E, N, O].
-        """
+        """Returns actions for normalized [K, E, N, O], [K, E, N, A], and what is stored of them."""
 
     @abstractmethod
     def learn(self, batch: Batch, scale: float) -> dict[str, Tensor]:
-        """Takes a gradient step on tensors [K, B, ...] as they were seen; returns losses, [K].
-
-        Args:
-            batch: to learn from.
-            scale: factor on the learning rate.
-        """
+        """Steps on tensors [K, B, ...] as they were seen, at `scale`; returns losses, [K]."""
 
     def prepare(self) -> bool:
         """Does nothing: the first rounds fill the replay."""
@@ -142,11 +129,7 @@ class OffPolicy(ABC):
         return actions
 
     def mix_in(self, data: Data, share: float) -> None:
-        """Draws a part of each batch from a dataset from now on, `collection.recorded_rows`.
-
-        Args:
-            data: recorded in the same task.
-            share: of each batch, above 0 and below 1.
+        """Draws a share of each batch from a dataset from now on, `collection.recorded_rows`.
 
         Raises:
             SpecError: training has other reward weights than the task, which the data have.
@@ -168,8 +151,7 @@ class OffPolicy(ABC):
         """Takes `rollout_steps` steps in all copies, with gradient steps after each.
 
         Returns:
-            The mean of each loss over the gradient steps that returned it, [K], NaN where none
-            did; and the mean team reward of the steps taken.
+            Means of losses, [K], NaN where no step returned them; the mean team reward.
         """
         config = self.config
         losses: dict[str, list[Tensor]] = {name: [] for name in self.LOSSES}
@@ -293,13 +275,7 @@ class LinearSchedule:
 
 
 def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: float) -> Tensor:
-    """Returns actions with Gaussian noise, clipped to [-1, 1].
-
-    Args:
-        generators: one per seed, [K].
-        actions: [K, ...].
-        deviation: of the noise.
-    """
+    """Returns actions with Gaussian noise of a deviation, clipped to [-1, 1]."""
     noise = normal_like(generators, actions)
     return (actions + deviation * noise).clamp(-1, 1)
 
@@ -307,14 +283,7 @@ def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: 
 def epsilon_greedy(
     generators: Sequence[torch.Generator], choices: Tensor, n_choices: int, epsilon: float
 ) -> Tensor:
-    """Returns choices of which each robot replaces all its dimensions with probability epsilon.
-
-    Args:
-        generators: one per seed, [K].
-        choices: greedy ones, whole numbers [K, E, N, D].
-        n_choices: how many there are in each dimension.
-        epsilon: probability that a robot chooses uniformly in this step.
-    """
+    """Returns choices [K, E, N, D]; with probability epsilon a robot replaces all of its own."""
     e, n = choices.shape[1:3]
     device = choices.device
     fresh = torch.stack([

@@ -23,11 +23,6 @@ class Worlds:
     Copy k E + e belongs to seed k. A seed's episodes are a function of the seed and of its own
     past, so that they are the same whichever seeds run beside it.
 
-    Args:
-        env: K E copies.
-        seeds: of the runs, [K].
-        frame: in which the robots observe and act; None for the world's.
-
     Raises:
         SchemaError: the copies cannot be divided among the seeds.
     """
@@ -85,11 +80,7 @@ class Worlds:
         return self.frame.to_world(step.observations, flat)
 
     def advance(self, actions: Float) -> Step:
-        """Takes actions in the current step and returns the next one, before any reset.
-
-        Args:
-            actions: in the robots' frame, [K, E, N, A].
-        """
+        """Takes actions in the robots' frame, [K, E, N, A]; returns the step before any reset."""
         next_step = self.env.step(self.to_world(self.current_step, actions))
         ended = np.flatnonzero(next_step.ended)
         self.current_step = self._begin(ended) if len(ended) else next_step

@@ -1,9 +1,7 @@
 """OfflineStart: an offline run whose networks online training begins with.
 
-The networks of an offline run see observations in its frame, normalized with the statistics of its
-dataset. Online training that starts from it takes over both, and the sizes of the networks
-(`settings_of` of each online algorithm), so that its first policies act as those of the run do, bit
-for bit.
+Online training takes over the run's frame, the statistics that normalize its inputs, and the sizes
+of its networks, so that its first policies act as those of the run do, bit for bit.
 """
 
 from collections.abc import Sequence
@@ -111,21 +109,13 @@ class StartsOffline(Protocol):
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
         """Returns the settings to start with, as text; those that a user gives win.
 
-        Args:
-            start: the run.
-            features: of the task's observations.
-
         Raises:
             CheckpointError: the run's policies are of another kind.
         """
         ...
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over what fits; returns a sentence about each thing that does not.
-
-        Raises:
-            CheckpointError: the policies do not fit.
-        """
+        """Takes over what fits, or raises CheckpointError; returns a sentence on all else."""
         ...
 
 
@@ -147,11 +137,7 @@ def read_start(folder: Path | str) -> OfflineStart:
 
 
 def check_task(start: OfflineStart, spec: TaskSpec) -> None:
-    """Checks that a run was trained for a task.
-
-    Raises:
-        CheckpointError: it was trained for another one.
-    """
+    """Raises CheckpointError if a run was trained for another task."""
     if start.run.spec_hash == spec.hash():
         return
     raise CheckpointError(
@@ -178,7 +164,7 @@ def as_text(sizes: Sequence[int]) -> str:
 
 
 def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
-    """Returns the run's first policy: an actor whose actions pass through tanh, or are clipped.
+    """Returns the run's first policy, whose actions pass through tanh, or are clipped.
 
     Raises:
         CheckpointError: it is another kind of policy.
@@ -199,8 +185,7 @@ def actor_settings(start: OfflineStart, features: Sequence[Feature]) -> dict[str
     """Returns the settings of the run's actors.
 
     Raises:
-        CheckpointError: the run's policies are no actors whose actions are clipped, or have other
-            hidden layers than two of one width.
+        CheckpointError: their actions are not clipped, or they have not two equal hidden layers.
     """
     actor = actor_of(start, squash=False)
     hidden = hidden_sizes(actor.layers)
@@ -219,8 +204,7 @@ def load_actors(
     """Copies the run's actors of some seeds to `network`, which has as many rows for each.
 
     Raises:
-        CheckpointError: the run lacks a seed, or its policies are other actors than `fitting`, or
-            have another frame or other sizes.
+        CheckpointError: the run lacks a seed, or its policies are not as `fitting`.
     """
     actor_of(start, squash=fitting.squash)
     actors = [cast("TorchPolicy", start.policy(seed)) for seed in seeds]
@@ -231,11 +215,7 @@ def load_actors(
 
 
 def check_fit(start: OfflineStart, what: str, fitting: Startable, theirs: Startable) -> None:
-    """Checks that the networks of a run can be copied.
-
-    Raises:
-        CheckpointError: they have another frame or other sizes.
-    """
+    """Raises CheckpointError unless the networks of a run can be copied."""
     for name, one, other in (
         ("the frame", fitting.frame, theirs.frame),
         ("parameters", fitting.parameters, theirs.parameters),
@@ -255,8 +235,7 @@ def _shapes(policy: Startable) -> list[list[tuple[int, ...]]]:
 def robot_critics_of(start: OfflineStart) -> RobotCritics | str:
     """Returns the run's critics of each robot's own reward; a reason if it has none.
 
-    `maddpg_bc`, `maddpg_cql`, `cfcql`, `icql_qs` and `iql` have `RobotCritics`, as `maddpg` online
-    has: these go on, with their slow copies, in the run's units of reward and with its discount.
+    They go on, with their slow copies, in the run's units of reward and with its discount.
     """
     critics = getattr(start.algorithm, "critics", None)
     if start.is_compact:
@@ -282,11 +261,7 @@ def settings_of_critics(start: OfflineStart, critics: RobotCritics) -> dict[str,
 
 
 def load_critics(mine: RobotCritics, start: OfflineStart, seeds: Sequence[int]) -> list[str]:
-    """Copies the run's critics of some seeds, and their slow copies, to `mine` if they fit.
-
-    Returns:
-        A sentence if they do not fit.
-    """
+    """Copies critics of some seeds, and their slow copies; returns a sentence if they are unfit."""
     theirs, n = robot_critics_of(start), mine.n_critics
     if isinstance(theirs, str):
         return [f"The critics begin anew, not with those of {start.name}: {theirs}."]

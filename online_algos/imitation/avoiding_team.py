@@ -1,13 +1,9 @@
 """AvoidingTeam, a teacher: a team whose commands are made safe by reciprocal avoidance.
 
-A policy that was trained on rewards still brushes past robots and surfaces: contacts are rare, so
-rewards say little about them. A filter that knows the map and all velocities changes commands only
-shortly before a contact. Actors that clone the filtered team learn these corrections from labels.
-A scripted controller passes surfaces so closely that clones, which are not exact, touch them; its
-commands are filtered with a wider margin.
-
-As in `scripted`, surfaces are hard limits and robots soft ones, shared half and half. Robots avoid
-each other later than there: the team has its own ways of passing, which should not change.
+A filter that knows the map and all velocities changes commands only shortly before a contact;
+actors that clone the filtered team learn these corrections from labels. As in `scripted`, surfaces
+are hard limits and robots soft ones, shared half and half; robots avoid each other later than
+there.
 """
 
 import math
@@ -21,9 +17,9 @@ from swarmdata.behavior_policies.navigation.robot_scales import LENGTH_SCALE, TI
 from swarmdata.envs.physics.dynamics import SPEED
 from swarmdata.errors import SpecError
 from swarmdata.interfaces import VecEnv
+from swarmdata.online_algos.actors.mean_actors import Actors
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.imitation.teacher_cloning import Teacher
-from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
@@ -94,10 +90,7 @@ class ActorTeam:
 class AvoidingTeam:
     """Implements `teacher_cloning.Teacher`: another teacher, kept from contacts.
 
-    Args:
-        teacher: chooses the commands that are made safe.
-        env: copies of the task to act in.
-        margin: gap kept from surfaces besides `avoidance.SURFACE_GAP`, m.
+    `margin` is the gap kept from surfaces besides `avoidance.SURFACE_GAP`, m.
 
     Raises:
         SpecError: the robots' commands are not velocities in the world's axes.

@@ -14,9 +14,7 @@ from swarmdata.learn.training.replay_buffer import open_map
 class LabelledStates:
     """What actors saw in the states met so far, and the teacher's actions there.
 
-    Args:
-        arrays: memory for all rounds, which are too large to be copied: inputs [R, capacity, I]
-            and actions [R, capacity, A] of R networks.
+    `arrays` are memory for all rounds: inputs [R, capacity, I] and actions [R, capacity, A].
     """
 
     def __init__(self, arrays: Sequence[Tensor]) -> None:

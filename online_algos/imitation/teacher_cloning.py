@@ -1,8 +1,6 @@
 """Clones a teacher into actors, so that training starts from a careful driver.
 
-Source: DAgger, Ross, Gordon and Bagnell, "A reduction of imitation learning and structured
-prediction to no-regret online learning", AISTATS 2011, algorithm 3.1, with beta = 1 in the first
-round and 0 after. The learner acts with noise, so that it meets states that need corrections.
+DAgger, as `online_algos.dagger` has it, with beta = 1 in the first round and 0 after.
 """
 
 from collections.abc import Sequence
@@ -15,11 +13,11 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from swarmdata.learn.networks.optimizer import Descent, StackedAdam
+from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.online_algos.actors.mean_actors import Actors
+from swarmdata.online_algos.actors.sample_rows import minibatches, pick, sample_rows, seed_means
 from swarmdata.online_algos.collection.training_worlds import Worlds, standard_normal
 from swarmdata.online_algos.imitation.labelled_states import LabelledStates
-from swarmdata.online_algos.ppo.networks import Actors
-from swarmdata.online_algos.ppo.rollout_samples import minibatches, pick, sample_rows, seed_means
 from swarmdata.types import Float, Int, Step
 
 
@@ -61,7 +59,7 @@ def clone_teacher(
     A round goes on where the one before it stopped, so that episodes longer than a round are seen
     to their ends. `worlds` are left in the middle of episodes.
     """
-    optimizer = StackedAdam(actors.network, len(generators), 1.0)
+    descent = Descent({"actor": actors.network}, len(generators), 1.0, None)
     worlds.restart()
     teacher.reset(worlds.current_step, np.arange(worlds.env.n_copies))
     errors = []
@@ -77,10 +75,10 @@ def clone_teacher(
         data.append(new)
         n_taken = min(config.n_passes * len(data), config.max_samples)
         size, rate = config.minibatch, config.learning_rate
-        errors.append(regress(actors, optimizer, generators, data, n_taken, size, rate))
+        errors.append(regress(actors, descent, generators, data, n_taken, size, rate))
     for _ in range(config.final_passes):
         rate *= 0.5
-        errors[-1] = regress(actors, optimizer, generators, data, len(data), size, rate)
+        errors[-1] = regress(actors, descent, generators, data, len(data), size, rate)
     return errors
 
 
@@ -88,20 +86,11 @@ def collect(
     actors: Actors, worlds: Worlds, generators: Sequence[np.random.Generator], teacher: Teacher,
     n_steps: int, noise: float, *, teacher_acts: bool,
 ) -> list[Tensor]:  # fmt: skip
-    """Lets the actors, or the teacher, act, and the teacher label each step.
+    """Lets the actors, or the teacher, act for `n_steps`, and the teacher label each step.
 
-    Args:
-        actors: of K seeds.
-        worlds: to act in, from their current step on.
-        generators: of the noise, one per seed, [K].
-        teacher: which was reset when the running episodes began.
-        n_steps: to take in every copy, T.
-        noise: standard deviation of the noise on actions.
-        teacher_acts: whether its actions are taken, with the noise.
-
-    Returns:
-        Inputs of the actors and actions of the teacher, by network: [R, samples, I] and
-        [R, samples, A].
+    Actions have Gaussian noise of deviation `noise`. The teacher was reset when the running
+    episodes began. Returns inputs of the actors, [R, samples, I], and actions of the teacher, [R,
+    samples, A].
     """
     all_inputs, labels = [], []
     for _ in range(n_steps):
@@ -121,19 +110,12 @@ def collect(
 
 
 def regress(
-    actors: Actors, optimizer: StackedAdam | Descent, generators: Sequence[np.random.Generator],
+    actors: Actors, descent: Descent, generators: Sequence[np.random.Generator],
     data: LabelledStates, n_taken: int, minibatch: int, learning_rate: float,
 ) -> Tensor:  # fmt: skip
-    """Fits actors to labels and returns the mean errors, [K]; takes all samples before any again.
+    """Fits actors to labels; returns the mean errors, [K]; takes all samples before any again.
 
-    Args:
-        actors: changed.
-        optimizer: of their network, whose own learning rate is 1.
-        generators: of the order, one per seed, [K].
-        data: all that are known.
-        n_taken: samples.
-        minibatch: samples of a gradient step.
-        learning_rate: of Adam.
+    The descent's own learning rate is 1. In all, `n_taken` samples are taken.
     """
     n_seeds = len(generators)
     total, taken = torch.zeros(n_seeds), 0
@@ -142,7 +124,7 @@ def regress(
         inputs, labels = (pick(x, rows) for x in data.arrays)
         errors = (actors.again(inputs[:, :, None]) - labels).square().mean(-1)
         loss = seed_means(errors, n_seeds)
-        optimizer.step(loss, learning_rate)
+        descent.step(loss, learning_rate)
         total += loss.detach() * rows.shape[1]
         taken += rows.shape[1]
         if taken >= n_taken:

@@ -41,9 +41,6 @@ class TeacherSettings:
 def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
     """Builds the registered policy that is cloned in the task that `spec` describes.
 
-    With `teacher_margin`, it plans for larger robots, so that its clones, which are not exact, make
-    contact less often.
-
     Raises:
         SpecError: the policy has no memory that it can do without.
         UnknownNameError: there is no such policy.
@@ -61,11 +58,7 @@ def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
 
 
 def kept_safe(teacher: Teacher, settings: TeacherSettings, worlds: Worlds) -> Teacher:
-    """Returns the teacher, kept from contacts in `worlds` if `avoidance` is set.
-
-    Raises:
-        SpecError: avoidance is for other robots.
-    """
+    """Returns the teacher, kept from contacts if `avoidance` is set; SpecError for other robots."""
     if settings.avoidance:
         return AvoidingTeam(teacher, worlds.env, settings.surface_margin)
     return teacher

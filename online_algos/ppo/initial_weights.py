@@ -1,14 +1,9 @@
-"""The weights that MAPPO's actors start from: random, of other policies, or of a teacher's clone.
-
-MAPPO learns from the steps of its present policies only, so that recorded data cannot be mixed in.
-Of an offline run, it takes over actors whose actions are clipped; its critic begins anew.
-"""
+"""Weights that MAPPO's actors start from: random, of other policies, or of a teacher's clone."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -18,21 +13,15 @@ from swarmdata.errors import BuildError, CheckpointError, SpecError
 from swarmdata.interfaces import Policy
 from swarmdata.learn.policies.policy_file import last_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.online_algos.actors.mean_actors import Actors
 from swarmdata.online_algos.collection.training_worlds import Worlds
-from swarmdata.online_algos.continuation.offline_start import (
-    OfflineStart,
-    actor_settings,
-    load_actors,
-)
 from swarmdata.online_algos.imitation.avoiding_team import ActorTeam
 from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, Teacher, clone_teacher
 from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
-from swarmdata.online_algos.ppo.networks import Actors
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
 from swarmdata.registry.tiers import FAMILIES, TRAINED_TIERS
-from swarmdata.specs.features import Feature
 
 
 @dataclass(frozen=True)
@@ -107,14 +96,10 @@ def initial_weights(
 
 
 def find_policy(source: str, seed: int, n_agents: int) -> Policy:
-    """Returns the policy that a seed starts from.
+    """Returns the policy that a seed starts from, for a team of `n_agents`.
 
-    Args:
-        source: a shipped tier, such as `formation-expert`, whose policy number `seed` it is, or
-            the folder of a run, whose last policy of that seed it is.
-        seed: of the run that starts.
-        n_agents: robots of its team. A shipped policy is adapted to it: robot i acts as the trained
-            robot number i modulo theirs.
+    `source` is a shipped tier, such as `formation-expert`, whose policy number `seed` it is (robot
+    i acts as the trained robot number i modulo theirs), or the folder of a run.
 
     Raises:
         BuildError: there is no such policy.
@@ -138,13 +123,6 @@ def copy_weights(
 ) -> None:
     """Copies a policy's weights and input statistics into the actors of seed number `index`.
 
-    Args:
-        policy: to copy.
-        actors: to write to.
-        index: of the seed.
-        frame: in which the actors are to act.
-        source: where the policy is from, for messages.
-
     Raises:
         CheckpointError: the policy is not an actor of these sizes, in this frame.
     """
@@ -163,32 +141,3 @@ def copy_weights(
     actors.network.load_layers(rows, policy.layers)
     actors.input_mean[index] = policy.observation_mean.numpy()
     actors.input_std[index] = policy.observation_std.numpy()
-
-
-WHEN_STARTED = {"std": "0.2", "critic_warmup_fraction": "0.1"}
-"""Settings of a training that starts from an offline run, where the user gives no others.
-
-The advantages of an untrained critic would undo the policy, and so would a beginner's noise."""
-
-
-def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-    """Returns `actor_settings` and `WHEN_STARTED`; raises as the former."""
-    return actor_settings(start, features) | WHEN_STARTED
-
-
-def start_from(self: Any, start: OfflineStart) -> list[str]:
-    """Takes over actors and the statistics of their inputs; a method of `MAPPO`.
-
-    Raises:
-        CheckpointError: the actors do not fit.
-        SpecError: `config.start` names other policies or a teacher.
-    """
-    if self.config.start != StartConfig():
-        raise SpecError(
-            f"the settings start.* name other policies or a teacher, but training starts from "
-            f"{start.name}; leave one of them out"
-        )
-    actors: Actors = self.actors
-    load_actors(start, self.seeds, self.policy(0), actors.network)
-    actors.input_mean, actors.input_std = start.moments(len(self.seeds))[:2]
-    return [f"The critic begins anew: {start.run.algorithm} has none of mappo's kind."]

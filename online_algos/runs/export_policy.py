@@ -76,9 +76,6 @@ def scale_hidden_units(layers: Sequence[Layer]) -> list[Layer]:
 
     The weights and the bias of a hidden unit are divided by a power of two, and the weights of the
     next layer that read the unit are multiplied by it: ReLU(c x) = c ReLU(x) for c > 0.
-
-    Args:
-        layers: weight [in, out] and bias [out] of each layer, in order; ReLU between them.
     """
     scaled = [(weight.copy(), bias.copy()) for weight, bias in layers]
     for layer, following in pairwise(scaled):
@@ -91,10 +88,7 @@ def scale_hidden_units(layers: Sequence[Layer]) -> list[Layer]:
 
 
 def restored(actor: Actor, n_agents: int) -> TorchPolicy:
-    """Returns a checkpoint's policy, with its rounded weights, to start training from.
-
-    The actor has the index of the robot as an input; `n_agents` are of the team to be trained.
-    """
+    """Returns a checkpoint's policy, with its rounded weights, to train `n_agents` from."""
     (weight, bias), *others = actor.layers
     layers = [(_for_team(weight, len(actor.mean), n_agents), bias), *others]
     return TorchPolicy(
@@ -116,7 +110,7 @@ def _for_team(weight: Double, n_features: int, n_agents: int) -> Double:
 
 
 def action_error(trained: Policy, exact: Policy, spec: TaskSpec, n_episodes: int) -> float:
-    """Returns the largest difference of an action between exact inference and a trained network.
+    """Returns the largest difference of an action of exact inference and of a trained network.
 
     Both get the observations of validation episodes that the exact policy plays.
     """

@@ -27,11 +27,7 @@ from swarmdata.learn.training.run_files import CONFIG, CURVE, REPLAY_FOLDER, SPE
 from swarmdata.learn.training.settings import from_json
 from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource
-from swarmdata.online_algos.continuation.offline_start import (
-    OfflineStart,
-    StartSource,
-    read_start,
-)
+from swarmdata.online_algos.continuation.offline_start import OfflineStart, StartSource, read_start
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.runtime.native_libraries import ThreadLimit
@@ -70,13 +66,7 @@ class OnlineRun(Description):
         return int(self.config["n_steps"])
 
     def build(self, folder: Path, data: Data | None = None, n_threads: int = 1) -> OnlineAlgorithm:
-        """Makes the algorithm as it is before its first update, and before it takes over a start.
-
-        Args:
-            folder: of the replay.
-            data: those that `recorded` describes.
-            n_threads: threads that step the worlds; the result does not depend on it.
-        """
+        """Makes the algorithm as it is before its first update, and before it takes over a run."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
         config = from_json(kind.Config, self.config)
         env = make_env(self.spec, config.n_copies * len(self.seeds), n_threads=n_threads)
@@ -164,11 +154,7 @@ def train_run(
 
 
 def read_online_run(folder: Path) -> OnlineRun:
-    """Reads a run folder's `config.json`.
-
-    Raises:
-        SpecError: it is malformed.
-    """
+    """Reads a run folder's `config.json`; SpecError if it is malformed."""
     return OnlineRun.from_file(folder / CONFIG)
 
 

@@ -1,12 +1,10 @@
 """PayloadPotential, rewards for a payload's progress along its path and for pushing from behind.
 
-The task rewards a payload for coming nearer to its goal in a straight line, so a policy that has
-pushed it against an obstacle loses reward for every way out. The length of the shortest path around
-obstacles has no such dead ends. Robots that push from all sides are another dead end: nothing
-moves, and a robot that lets go earns nothing. So robots may also be rewarded for getting behind the
-payload, seen along its path. Both are potentials (Ng, Harada and Russell, "Policy invariance under
-reward transformations", ICML 1999, theorem 1, without the discount): their sum over an episode
-depends on its first and last state only.
+In a straight line to its goal, a payload meets dead ends: it loses reward for every way out. The
+length of the shortest path around obstacles has none. Robots that push from all sides are another
+one, so they may also be rewarded for getting behind the payload, seen along its path. Both are
+potentials (Ng, Harada and Russell, "Policy invariance under reward transformations", ICML 1999,
+theorem 1, without the discount).
 """
 
 import numpy as np
@@ -97,15 +95,9 @@ def look_up(points: Double, half: Double, lengths: Double, out: Double) -> None:
 class PayloadPotential:
     """Adds w_path (length before - length after) + w_behind (cos after - cos before).
 
-    The length is that of the payload's path to its goal, the cosine that of the angle between the
-    path's direction and the line from the robot to the payload. The path's term is 0 in steps from
-    or to a place without a path.
-
-    Args:
-        spec: of a task with a payload.
-        n_copies: E.
-        path_weight: reward per metre, w_path.
-        behind_weight: w_behind.
+    The length is that of the payload's path to its goal, in metres, the cosine that of the angle
+    between the path's direction and the line from the robot to the payload. The path's term is 0 in
+    steps from or to a place without a path.
 
     Raises:
         SpecError: the task has no payload.

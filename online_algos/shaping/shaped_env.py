@@ -125,11 +125,7 @@ class ShapingConfig:
 class ShapedEnv:
     """Implements `interfaces.VecEnv`: the copies of another, with shaped rewards.
 
-    `reward_terms` stay those of the task.
-
-    Args:
-        env: the copies.
-        terms: applied to the rewards of every step, one after the other.
+    `reward_terms` stay those of the task; `terms` are applied one after the other.
     """
 
     def __init__(self, env: VecEnv, terms: Sequence[RewardTerm]) -> None:
@@ -167,11 +163,7 @@ class ShapedEnv:
 
 
 def shape_rewards(env: VecEnv, config: ShapingConfig) -> ShapedEnv:
-    """Returns copies with the rewards that a config describes.
-
-    Args:
-        env: copies of the task as it is.
-        config: terms whose weight is 0 are left out.
+    """Returns copies with the rewards that a config describes; weights of 0 are left out.
 
     Raises:
         SpecError: a reward weight does not exist or cannot have its value, or there is a potential

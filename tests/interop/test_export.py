@@ -1,6 +1,7 @@
 """Exports in a frame hold the numbers that the algorithms of this library learn from and act on."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -65,9 +66,7 @@ def test_a_policy_sees_and_acts_in_the_exported_frame(
     (policy,) = load_run(tmp_path / "run")
     assert isinstance(policy, TorchPolicy)
     exported, recorded = in_frame(dataset, "target")[0].observations, dataset[0].observations
-    outputs = outputs_of(
-        policy.layers, exported, policy.observation_mean, policy.observation_std, policy.parameters
-    )
+    outputs = outputs_of(replace(policy, frame=None), exported)
     actions = (outputs.tanh() if policy.squash else outputs.clamp(-1, 1)).numpy()
     acted = policy.actions(recorded)
     expected = in_world(frame, recorded, actions).astype(np.float32)

@@ -1,7 +1,6 @@
 """Behavior cloning: its loss, its schedule, and that it imitates."""
 
 from itertools import islice
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,11 +8,10 @@ import pytest
 
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.setup import Setup, Sizes
-from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.types import Batch
 from tests.offline_algos.conftest import drive
-from tests.offline_algos.toys import actions_of, batches, share_by_the_sign, sign_at_the_start
+from tests.offline_algos.toys import actions_of, batches
 from tests.support.memory_dataset import MemoryDataset
 
 
@@ -61,17 +59,3 @@ def test_it_imitates_each_agent(good_only: MemoryDataset, output: str) -> None:
     for index in range(3):
         error = actions_of(bc.policy(index), observations) - drive(observations[..., 2:4])
         assert np.sqrt(np.square(error).mean()) < 0.1
-
-
-@pytest.mark.learns
-@pytest.mark.parametrize(("memory", "least"), [("gru", 0.9), ("none", 0.0)])
-def test_it_imitates_what_only_a_memory_knows(memory: Any, least: float, tmp_path: Path) -> None:
-    """Share of robots that still drive by the sign 11 steps later; guessing makes a half."""
-    config = BCConfig(
-        n_updates=600, batch_size=128, hidden=(32,), memory=memory, memory_size=16, burn_in=10,
-        window=12,
-    )  # fmt: skip
-    data = sign_at_the_start(200, 0)
-    policy = train_seeds("bc", data, tmp_path, seeds=(0,), config=config, progress=False)[0]
-    right = share_by_the_sign(policy)
-    assert (right > least) if memory == "gru" else (0.3 < right < 0.7)

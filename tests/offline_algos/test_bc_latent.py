@@ -1,7 +1,6 @@
 """Cloning given a latent of the episode: whose latent is learned, and conventions that are kept."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,9 +8,6 @@ import torch
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.policies.policy_file import load_policy, save_policy
-from swarmdata.learn.training.run_folder import load_run
-from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc_latent import BCLatent, BCLatentConfig
 from swarmdata.types import Step
 from tests.offline_algos.toys import SIZES, random_batch, same_side, statistics, step_of, trained
@@ -51,7 +47,7 @@ def test_episodes_must_be_known() -> None:
         made().update(random_batch(2))
 
 
-def test_a_policy_takes_a_recorded_latent_for_the_whole_episode(tmp_path: Path) -> None:
+def test_a_policy_takes_a_recorded_latent_for_the_whole_episode() -> None:
     algorithm = made()
     algorithm.update(replace(random_batch(2), episodes=torch.randint(N_EPISODES, (2, 32))))
     policy, step = algorithm.policy(1), step_of(copies=400)
@@ -68,20 +64,6 @@ def test_a_policy_takes_a_recorded_latent_for_the_whole_episode(tmp_path: Path) 
     np.testing.assert_allclose(actions, expected[1].detach().numpy(), atol=1e-6)
     assert not policy.log_probs(Step._make(step), actions).any()
     assert np.isneginf(policy.log_probs(step, actions * np.float32(0.5))).all()
-
-    save_policy(tmp_path / "policy.safetensors", policy)
-    read = load_policy(tmp_path / "policy.safetensors")
-    np.testing.assert_array_equal(read.act(step), actions)
-
-
-def test_a_run_has_a_latent_for_each_episode_and_is_loaded_again(tmp_path: Path) -> None:
-    data = same_side(n_episodes=5)
-    config = BCLatentConfig(n_updates=3, hidden=(8,))
-    (policy,) = train_seeds("bc_latent", data, tmp_path, seeds=[3], config=config)
-    (again,) = load_run(tmp_path)
-    assert again.latents.shape == (5, 2)  # type: ignore[attr-defined]
-    step = step_of()
-    np.testing.assert_array_equal(again.act(step), policy.act(step))
 
 
 @pytest.mark.learns

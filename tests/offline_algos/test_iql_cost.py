@@ -11,7 +11,7 @@ import torch
 from swarmdata.errors import SchemaError
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.iql import IQL
-from swarmdata.offline_algos.iql_cost import IQLCost, IQLCostConfig
+from swarmdata.offline_algos.iql_cost import IQLCost
 from swarmdata.types import EVENTS, Episode
 from tests.offline_algos.toys import actions_of, made, random_batch, trained
 from tests.support.made_episodes import made_episode
@@ -87,11 +87,6 @@ def test_rewards_are_valued_as_in_iql() -> None:
     assert torch.equal(ours.critics.online.flat, other.critics.online.flat)
     assert torch.equal(ours.value.flat, other.value.flat)
     assert not torch.equal(ours.actor.network.flat, other.actor.network.flat)
-
-
-def test_a_negative_weight_is_refused() -> None:
-    with pytest.raises(SchemaError, match="cost_weight is -1"):
-        IQLCostConfig(cost_weight=-1.0)
 
 
 def test_data_without_events_have_no_costs(tmp_path: Path) -> None:

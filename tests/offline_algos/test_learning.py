@@ -1,11 +1,19 @@
 """Every algorithm that values actions improves on its data."""
 
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from tests.offline_algos.toys import progress_of, step_of, trained
+from tests.offline_algos.toys import (
+    progress_of,
+    share_by_the_sign,
+    sign_at_the_start,
+    step_of,
+    trained,
+)
 from tests.support.memory_dataset import MemoryDataset
 
 pytestmark = pytest.mark.learns
@@ -64,3 +72,22 @@ def test_without_values_a_flow_is_a_clone(mixture: MemoryDataset) -> None:
     observations = mixture.transitions["observations"][:1500]
     step = step_of(len(observations))._replace(observations=observations)
     assert progress_of(algorithm.policy(0).act(step), observations) < 0.07
+
+
+@pytest.mark.parametrize("memory", ["gru", "none"])
+@pytest.mark.parametrize(
+    ("name", "layers"),
+    [("bc", ("hidden",)), ("mac_flow", ("actor_hidden", "critic_hidden", "flow_hidden"))],
+)
+def test_it_does_what_only_a_memory_knows(
+    name: str, layers: tuple[str, ...], memory: str, tmp_path: Path
+) -> None:
+    """Drives by a sign of 11 steps before; the flow reads it from the state. Others guess."""
+    config = resolve("algorithm", OFFLINE_ALGORITHMS, name).Config(
+        n_updates=600, batch_size=128, memory=memory, memory_size=16, burn_in=10, window=12,
+        **dict.fromkeys(layers, (32,)),
+    )  # fmt: skip
+    data = sign_at_the_start(200, 0)
+    (policy,) = train_seeds(name, data, tmp_path, seeds=(0,), config=config, progress=False)
+    right = share_by_the_sign(policy)
+    assert (right > 0.9) if memory == "gru" else (0.3 < right < 0.7)

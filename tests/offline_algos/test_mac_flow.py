@@ -1,6 +1,5 @@
 """MAC-Flow: targets, what climbs which values, the stages, and that it improves on its data."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -8,17 +7,13 @@ import pytest
 import torch
 from torch import Tensor
 
-from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.network_inputs import Reward
-from swarmdata.learn.training.trainer import train_seeds
-from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow, MACFlowConfig
+from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow
 from swarmdata.types import Batch
 from tests.offline_algos.toys import (
     made,
     random_batch,
     set_bias,
-    share_by_the_sign,
-    sign_at_the_start,
     two_episodes,
 )
 
@@ -167,35 +162,3 @@ def test_in_the_second_stage_actors_climb_what_stands_still() -> None:
     moved = [parts_that_move(algorithm) for _ in range(4)]
     assert moved[0] == moved[1] == ({"teacher", "actor", "utilities", "target_utilities"}, first)
     assert moved[2] == moved[3] == ({"actor"}, copied | {"policy_q", "lambda"})
-
-
-@pytest.mark.parametrize(
-    ("settings", "expected"),
-    [
-        *(({"critic_share": share}, "a part of the updates") for share in (-0.1, 1.0, np.nan)),
-        ({"policy_network": "deep_sets"}, "expected 'mlp'"),
-        ({"mixer": "free"}, "expected reward 'team'"),
-    ],
-)
-def test_settings_that_do_not_fit_are_refused(settings: dict[str, Any], expected: str) -> None:
-    with pytest.raises(SchemaError, match=expected):
-        MACFlowConfig(**settings)
-
-
-def test_an_unknown_mixer_is_refused() -> None:
-    with pytest.raises(KeyError, match="linear"):
-        made(MACFlow, mixer="linear", reward="team")
-
-
-@pytest.mark.learns
-@pytest.mark.parametrize("memory", ["gru", "none"])
-def test_its_students_do_what_only_a_memory_knows(memory: Any, tmp_path: Path) -> None:
-    """The flow reads it from the state. Without a memory, students guess."""
-    config = MACFlowConfig(
-        n_updates=600, batch_size=128, actor_hidden=(32,), critic_hidden=(32,), flow_hidden=(32,),
-        memory=memory, memory_size=16, burn_in=10, window=12,
-    )  # fmt: skip
-    data = sign_at_the_start(200, 0)
-    policy = train_seeds("mac_flow", data, tmp_path, seeds=(0,), config=config, progress=False)[0]
-    right = share_by_the_sign(policy)
-    assert (right > 0.9) if memory == "gru" else (0.3 < right < 0.7)

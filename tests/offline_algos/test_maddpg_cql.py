@@ -22,8 +22,3 @@ def test_samples_are_from_anywhere_and_near_both_policies() -> None:
     assert torch.equal(even, torch.full_like(even, -4 * math.log(2.0)))
     assert peaked.min() > even.max()  # close to the policy, where few uniform samples fall
     assert not samples.actions.requires_grad
-
-
-def test_all_agents_leave_the_data_at_once() -> None:
-    samples = made(MADDPGCQL).samples(batch := random_batch()).actions
-    assert (samples != batch.actions[:, :, None]).all(-1).all()

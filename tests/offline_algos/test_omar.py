@@ -61,14 +61,3 @@ def test_values_without_a_spread_do_no_harm() -> None:
     assert found.isfinite().all()
     assert found.abs().max() <= 1
     assert not found.requires_grad
-
-
-def test_each_critic_is_penalized_for_its_own_values() -> None:
-    algorithm, batch = made(OMAR, n_samples=5), random_batch()
-    x, actions = algorithm.inputs_of(batch.observations), by_agent(batch.actions)
-    for critic in range(2):
-        gap = algorithm.gap(x, actions, algorithm.critics.q(x, actions)[..., 0])
-        algorithm.critics.online.backward(gap[0, critic])
-        moved = algorithm.critics.online.gradient.abs().sum(1)
-        assert moved[critic] > 0
-        assert moved[1 - critic] == 0

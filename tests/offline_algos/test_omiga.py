@@ -65,18 +65,6 @@ def test_values_find_the_soft_maximum_of_constant_critics() -> None:
     assert z.exp().mean().item() == pytest.approx(1.0, abs=0.1)
 
 
-def test_no_policy_enters_the_critics() -> None:
-    """Two algorithms that differ in their actors only learn the same values."""
-    ours, other, batch = made(OMIGA), made(OMIGA), random_batch()
-    other.actor.network.flat.mul_(-2)
-    for algorithm in (ours, other):
-        for _ in range(5):
-            algorithm.update(batch)
-    for name, tensor in ours.state_dict().items():
-        same = torch.equal(tensor, other.state_dict()[name])
-        assert same != name.startswith("actor") or name == "actor_adam.step", name
-
-
 def test_agents_draw_rows_by_weights_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     algorithm, batch = made(OMIGA, effective_share=0.1), random_batch(size=2)
     z = torch.tensor([[[0.0, 9.0], [9.0, 0.0]]])

@@ -1,7 +1,6 @@
 """Oryx: returns and weights by hand, and a team that agrees because it decides in order."""
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,22 +8,10 @@ import pytest
 import torch
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.run_folder import load_run
-from swarmdata.learn.training.trainer import sampler_of, train_seeds
-from swarmdata.offline_algos.oryx import (
-    Oryx,
-    OryxConfig,
-    lambda_returns,
-)
+from swarmdata.learn.training.trainer import sampler_of
+from swarmdata.offline_algos.oryx import Oryx, lambda_returns
 from swarmdata.types import Float
-from tests.offline_algos.toys import (
-    hinted_side,
-    made,
-    random_batch,
-    step_of,
-    trained,
-    two_episodes,
-)
+from tests.offline_algos.toys import hinted_side, made, random_batch, step_of, trained, two_episodes
 from tests.support.memory_dataset import MemoryDataset
 
 SMALL: dict[str, Any] = {
@@ -96,15 +83,6 @@ def test_transitions_are_refused() -> None:
         made(Oryx, **SMALL).update(random_batch())
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [({"n_heads": 3}, "multiple of the number"), ({"n_components": 0}, "at least 1")],
-)
-def test_sizes_that_do_not_fit_are_refused(changes: dict[str, int], message: str) -> None:
-    with pytest.raises(SchemaError, match=message):
-        OryxConfig(**changes)  # type: ignore[arg-type]
-
-
 def sides(policy_of: Oryx, seed: int) -> Float:
     """What both robots choose in 300 fresh steps, [300, 2]."""
     policy = policy_of.policy(seed)
@@ -122,14 +100,3 @@ def test_only_who_decides_in_order_agrees(joint: bool, low: float, high: float) 
     found = np.stack([sides(algorithm, seed) for seed in (0, 1)])
     assert (np.abs(np.abs(found) - 0.8) < 0.2).mean() > 0.9  # a side, not the middle
     assert low < (found[..., 0] * found[..., 1] > 0).mean() <= high
-
-
-def test_a_run_is_loaded_again(tmp_path: Path) -> None:
-    config = OryxConfig(n_updates=3, batch_size=8, **SMALL)
-    (policy,) = train_seeds("oryx", hinted_side(3), tmp_path, seeds=[3], config=config)
-    (again,) = load_run(tmp_path)
-    step = step_of()
-    for each in (policy, again):
-        each.reset(step, np.arange(6))
-    for _ in range(3):
-        np.testing.assert_array_equal(again.act(step), policy.act(step))

@@ -1,12 +1,14 @@
-"""docs/settings.md has every setting of every offline algorithm, with the value that it has."""
+"""Settings of offline algorithms: all are in docs/settings.md, impossible ones are refused."""
 
 import dataclasses
 import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+from swarmdata.errors import SchemaError
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 
 PAGE = Path(__file__).parents[2] / "docs/settings.md"
@@ -54,3 +56,30 @@ def test_no_row_is_of_a_setting_that_nobody_has() -> None:
         named = set(values) - {"all"}
         assert named <= owners, (name, named - owners)
         assert ("all" in values) == (named != owners), name
+
+
+REFUSED: list[tuple[str, dict[str, Any], str]] = [
+    *(("filtered_bc", {"fraction": f}, "above 0 and at most 1") for f in (0.0, -0.1, 1.1, np.nan)),
+    ("filtered_bc", {"min_episodes": 0}, "min_episodes is 0"),
+    ("iql_cost", {"cost_weight": -1.0}, "cost_weight is -1"),
+    *(("mac_flow", {"critic_share": s}, "a part of the updates") for s in (-0.1, 1.0, np.nan)),
+    ("mac_flow", {"policy_network": "deep_sets"}, "expected 'mlp'"),
+    ("mac_flow", {"mixer": "free"}, "expected reward 'team'"),
+    ("oryx", {"n_heads": 3}, "multiple of the number"),
+    ("oryx", {"n_components": 0}, "at least 1"),
+    *(
+        ("maddpg_bc", {name: value}, name)
+        for name, value in {
+            "inverse_temperature": 0.0, "slope_limit": 0.0, "density_floor": 0.0,
+            "extraction_share": 1.0, "extraction_candidates": 1, "effective_share": 0.0,
+        }.items()
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("algorithm", "settings", "message"), REFUSED)
+def test_impossible_settings_are_refused(
+    algorithm: str, settings: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(SchemaError, match=message):
+        resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config(**settings)

@@ -242,16 +242,10 @@ def share_by_the_sign(policy: Policy) -> float:
     """Share of robots that still drive by the sign 11 steps later; guessing makes a half."""
     fresh = sign_at_the_start(50, 1)
     observations = np.stack([episode.observations for episode in fresh], 1)  # [T + 1, E, N, O]
-    n_copies, n_agents = observations.shape[1:3]
-    flags, rewards = np.zeros(n_copies, np.bool_), np.zeros((n_copies, n_agents), np.float32)
-    blank = Step(
-        observations[0], rewards, rewards, rewards[..., None], flags, flags, flags,
-        rewards[..., None].astype("u1"), np.arange(n_copies, dtype="u8"), np.zeros(n_copies, "i8"),
-        rewards[..., None], **no_messages(n_copies, n_agents),
-    )  # fmt: skip
-    policy.reset(blank, np.arange(n_copies))
-    for time, row in enumerate(observations[:12]):
-        actions = policy.act(blank._replace(observations=row, times=np.full(n_copies, time)))
+    steps = [step_of(50, t)._replace(observations=row) for t, row in enumerate(observations[:12])]
+    policy.reset(steps[0], np.arange(50))
+    for step in steps:
+        actions = policy.act(step)
     return float((np.sign(actions[..., 0]) == observations[0, ..., 0]).mean())
 
 

@@ -1,5 +1,7 @@
-"""A made-up task with two episodes."""
+"""A made-up task with two episodes; without torch, no test of online algorithms is collected."""
 
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,10 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds, Step, no_messages
 
 N_AGENTS = 2
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    return True if collection_path.suffix == ".py" and find_spec("torch") is None else None
 
 
 class TwoEpisodes:

@@ -6,9 +6,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from swarmdata.errors import SpecError
 from swarmdata.online_algos import dagger
 from swarmdata.online_algos.dagger import DAgger, DAggerConfig
 from swarmdata.online_algos.imitation.teacher_cloning import collect, regress
@@ -73,8 +70,3 @@ def test_the_rate_falls_and_passes_end_where_a_round_has_taken_enough(
         run.update()
     assert taken == [3 * 512, 2000]
     assert rates == pytest.approx([1e-3, 1e-3 * (1 - 0.95 / 8)])
-
-
-def test_training_without_a_teacher_is_refused() -> None:
-    with pytest.raises(SpecError, match="teacher is empty"):
-        DAggerConfig(teacher="")

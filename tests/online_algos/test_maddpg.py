@@ -5,12 +5,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from swarmdata.online_algos.collection.input_moments import Moments  # noqa: E402
-from swarmdata.online_algos.maddpg import Learner, MADDPGConfig  # noqa: E402
-from tests.offline_algos.toys import SIZES, random_batch, seed_of  # noqa: E402
+from swarmdata.online_algos.collection.input_moments import Moments
+from swarmdata.online_algos.maddpg import Learner, MADDPGConfig
+from tests.offline_algos.toys import SIZES, random_batch, seed_of
 
 SMALL: dict[str, Any] = {
     "actor_hidden": (16,),

@@ -2,15 +2,11 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from dataclasses import replace
-
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -20,6 +16,7 @@ from torch.nn.functional import smooth_l1_loss
 from swarmdata.errors import SpecError
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.torch_policy import Memoryless
+from swarmdata.online_algos.actors.sample_rows import sample_segments
 from swarmdata.online_algos.mappo import (
     MAPPO,
     MAPPOConfig,
@@ -29,7 +26,6 @@ from swarmdata.online_algos.mappo import (
     value_losses,
 )
 from swarmdata.online_algos.ppo.initial_weights import StartConfig
-from swarmdata.online_algos.ppo.rollout_samples import sample_segments
 from swarmdata.registry.components import make_env
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
@@ -260,7 +256,7 @@ def test_segments_are_remembered_as_they_were_played(parameters: Parameters) -> 
         r = run._collect()
     assert r.ended[2:7].any()
     assert np.abs(r.memories[0]).max() > 0
-    means = run.actors.again(*run.actors.seen(r))
+    means = run.actors.again(*run.actors.seen(r.actor_inputs, r.memories, r.ended))
     actions, old = (
         sample_segments(torch.from_numpy(x), parameters, 8).flatten(1, 2)
         for x in (r.actions, r.log_probs)

@@ -5,17 +5,15 @@ from typing import Any
 
 import pytest
 
-torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from swarmdata.online_algos.dagger import DAgger, DAggerConfig  # noqa: E402
-from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig  # noqa: E402
-from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig  # noqa: E402
-from swarmdata.online_algos.qmix import QMIX, QMIXConfig  # noqa: E402
-from swarmdata.online_algos.vdn import VDN, VDNConfig  # noqa: E402
-from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.registry.presets import preset  # noqa: E402
-from swarmdata.rollouts.evaluate import evaluate  # noqa: E402
-from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
+from swarmdata.online_algos.dagger import DAgger, DAggerConfig
+from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
+from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+from swarmdata.online_algos.qmix import QMIX, QMIXConfig
+from swarmdata.online_algos.vdn import VDN, VDNConfig
+from swarmdata.registry.components import make_env
+from swarmdata.registry.presets import preset
+from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.specs.task_spec import TaskSpec
 
 SMALL: dict[str, Any] = {
     "n_steps": 800, "n_copies": 4, "rollout_steps": 10, "n_gradient_steps": 12, "batch_size": 64,

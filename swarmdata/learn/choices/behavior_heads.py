@@ -33,10 +33,7 @@ def head_size(choices: Choices, head: Head) -> int:
 def behavior_log_probs(outputs: Tensor, choices: Choices, head: Head) -> Tensor:
     """Returns log pi_b of all choices: [..., N, D, C], or [..., N, C ** D] of a joint head.
 
-    Args:
-        outputs: of the behavior network, [..., N, H].
-        choices: those that do not exist have probability 0.
-        head: its kind.
+    Outputs are [..., N, H]; choices that do not exist have probability 0.
     """
     exists = choices.exists
     if head == "factored":
@@ -51,10 +48,7 @@ def behavior_log_probs(outputs: Tensor, choices: Choices, head: Head) -> Tensor:
 def cross_entropy(log_probs: Tensor, weights: Tensor, head: Head) -> Tensor:
     """Returns -log pi_b of recorded actions, [..., N], in nats, summed over columns.
 
-    Args:
-        log_probs: `behavior_log_probs`.
-        weights: of the choices, [..., N, D, C]: `Choices.weights`.
-        head: its kind.
+    Actions are weights of the choices, [..., N, D, C]: `Choices.weights`.
     """
     wanted = combinations(weights, torch.mul) if head == "joint" else weights
     parts = wanted * log_probs.masked_fill(wanted == 0, 0.0)  # 0 log 0 is 0
@@ -104,11 +98,8 @@ class Rule:
     ) -> Tensor:
         """Returns the actions as weights of the choices, [..., N, D, C]: `Choices.weights`.
 
-        Args:
-            utilities: [..., N, D, C].
-            log_probs: `behavior_log_probs`; None without a behavior head.
-            choices: that there are.
-            allowed: that the environment allows now, bool [..., N, D, C]; None: all.
+        Utilities are [..., N, D, C]; log_probs those of `behavior_log_probs`, None without a head;
+        `allowed` what the environment allows now, bool [..., N, D, C], None all.
         """
         is_joint = self.has_behavior and self.head == "joint"
         mask = choices.exists if allowed is None else allowed
@@ -142,12 +133,7 @@ class Rule:
 
 
 def combinations(values: Tensor, join: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    """Returns a value of every combination of one choice per column, [..., C ** D].
-
-    Args:
-        values: [..., D, C].
-        join: torch.add or torch.mul.
-    """
+    """Returns a value of every combination of one choice per column, [..., C ** D]."""
     joined = values[..., 0, :]
     for column in range(1, values.shape[-2]):
         joined = join(joined[..., :, None], values[..., column, None, :]).flatten(-2)

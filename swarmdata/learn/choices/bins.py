@@ -36,40 +36,18 @@ def by_dimension(outputs: Tensor, n_choices: int) -> Tensor:
     return outputs.reshape(*outputs.shape[:-1], -1, n_choices)
 
 
-def greedy(utilities: Tensor) -> Tensor:
-    """Returns the best choice of every dimension, [..., D], of utilities [..., D, C]."""
-    return utilities.argmax(-1)
-
-
 def chosen(utilities: Tensor, choices: Tensor) -> Tensor:
-    """Returns Q_i, the mean over dimensions of the chosen utilities, [...].
-
-    Args:
-        utilities: [..., D, C].
-        choices: whole numbers, [..., D].
-    """
+    """Returns Q_i, [...], the mean of the utilities [..., D, C] of choices, integers [..., D]."""
     return utilities.gather(-1, choices[..., None])[..., 0].mean(-1)
 
 
 def places(actions: Tensor, n_bins: int) -> Tensor:
-    """Returns where actions lie among the bins, from 0 to C - 1, [...]; whole numbers are bins.
-
-    Args:
-        actions: in [-1, 1], beyond which they count as the ends.
-        n_bins: of each dimension, C.
-    """
+    """Returns where actions lie among the bins, 0 to C - 1; whole numbers are bins."""
     return (actions.clamp(-1, 1) + 1) * ((n_bins - 1) / 2)
 
 
 def interpolated(utilities: Tensor, between: Tensor) -> Tensor:
-    """Returns Q_i, the mean over dimensions of the utilities at some places, [...].
-
-    Between two bins a utility is linear, as with the weights of `two_hot`.
-
-    Args:
-        utilities: [..., D, C].
-        between: `places`, [..., D].
-    """
+    """Returns Q_i, [...], the mean of utilities [..., D, C] at `places`, linear between bins."""
     below = between.floor().clamp(max=utilities.shape[-1] - 2)
     first = below.long()[..., None]
     weight = between - below
@@ -78,15 +56,11 @@ def interpolated(utilities: Tensor, between: Tensor) -> Tensor:
 
 
 def two_hot(actions: Tensor, n_bins: int) -> Tensor:
-    """Returns actions as weights of their two nearest bins, [..., D, C], which sum to 1.
+    """Returns actions [..., D] as weights of their two nearest bins, [..., D, C], which sum to 1.
 
     The weighted mean of a column's utilities is then linear between bins. Such a function has its
-    greatest value at a bin, so that greedy choices stay exact, and a recorded action needs no
-    relabeling.
-
-    Args:
-        actions: in [-1, 1], beyond which they count as the ends, [..., D].
-        n_bins: of each dimension, C.
+    greatest value at a bin, so that greedy choices stay exact. Beyond [-1, 1], actions count as the
+    ends.
     """
     place = places(actions, n_bins)
     below = place.detach().floor().clamp(max=n_bins - 2).long()
@@ -99,14 +73,7 @@ def two_hot(actions: Tensor, n_bins: int) -> Tensor:
 def mean_utilities(
     layers: Sequence[Layer], features: Tensor, parameters: Parameters, n_critics: int
 ) -> Tensor:
-    """Returns the mean of what the critics of one seed answer, float64 [E, N, D C].
-
-    Args:
-        layers: weights, critic after critic.
-        features: what they see, float64 [E, N, F].
-        parameters: whether the robots share one network.
-        n_critics: how many.
-    """
+    """Returns the mean of what the critics of one seed answer to features, float64 [E, N, D C]."""
     n_rows = len(layers[0].weight) // n_critics
     answers = []
     for critic in range(n_critics):

@@ -25,18 +25,10 @@ from swarmdata.types import Batch
 class ChoiceActor:
     """Maps normalized observations, and the agent's number, to distributions over choices.
 
-    Attributes:
-        network: of K seeds.
-        outputs: the actors behind the distributions.
-        choices: that there are.
-        sizes: of the dataset.
-        encoded_sizes: the same, with actions as `encode` gives them.
-
-    Args:
-        policy_network: only `mlp`.
+    Critics see actions as `encode` gives them, of `encoded_sizes`.
 
     Raises:
-        SchemaError: another network, which reads the named features of continuous worlds.
+        SchemaError: another network than `mlp`, which reads named features of continuous worlds.
     """
 
     def __init__(
@@ -63,21 +55,12 @@ class ChoiceActor:
         self.network, self.transitions = self.outputs.network, self.outputs.transitions
 
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
-        """Returns the transitions to learn from, and log pi of all choices, [K, B, N, D, C].
-
-        Args:
-            batch: transitions, or windows [K, B, L, ...] with a memory.
-        """
+        """Returns the transitions to learn from, and log pi of all choices, [K, B, N, D, C]."""
         steps, outputs = self.outputs.along(batch)
         return steps, behavior_log_probs(outputs, self.choices, "factored")
 
     def surprise(self, log_probs: Tensor, actions: Tensor) -> Tensor:
-        """Returns -log pi(a_i | o_i) of recorded actions, in nats, [K, B, N].
-
-        Args:
-            log_probs: from `along`.
-            actions: as recorded, [K, B, N, D].
-        """
+        """Returns -log pi(a_i | o_i), in nats, [K, B, N], of actions as recorded, [K, B, N, D]."""
         return cross_entropy(log_probs, self.choices.weights(actions), "factored")
 
     def encode(self, actions: Tensor) -> Tensor:

@@ -37,18 +37,9 @@ class Choices:
 
     @classmethod
     def recorded(
-        cls,
-        ranges: Sequence[Sequence[range]],
-        n_columns: int,
-        device: torch.device | str = "cpu",
+        cls, ranges: Sequence[Sequence[range]], n_columns: int, device: torch.device | str = "cpu"
     ) -> "Choices":
-        """The choices of a recorded environment.
-
-        Args:
-            ranges: of each robot, by column: `Sizes.choices`.
-            n_columns: D; a robot without a column has a single choice there.
-            device: where the values are.
-        """
+        """The choices of a recorded environment, `Sizes.choices`, in `n_columns` columns."""
         columns = [[*agent, *[range(1)] * (n_columns - len(agent))] for agent in ranges]
         most = max(len(choices) for agent in columns for choices in agent)
         values = torch.zeros(len(columns), n_columns, most, dtype=torch.float64)
@@ -87,13 +78,10 @@ class Choices:
         return number
 
     def weights(self, actions: Tensor) -> Tensor:
-        """Returns recorded actions as weights of the choices, float32 [..., N, D, C].
+        """Returns recorded actions [..., N, D] as weights of the choices, float32 [..., N, D, C].
 
         Continuous ones lie between two bins (`bins.two_hot`). Recorded choices have one weight,
         1; robots that have left have zeros recorded, which count as their first choice.
-
-        Args:
-            actions: [..., N, D].
         """
         if self.is_continuous:
             return bins.two_hot(actions, self.n_choices)
@@ -113,11 +101,8 @@ class Choices:
 def columns_of(joined: Tensor, choices: Sequence[Sequence[range]], n_columns: int) -> Tensor:
     """Returns action masks by column, bool [..., N, D, C].
 
-    Args:
-        joined: masks as they are recorded: a robot's choices of all columns one after the other,
-            then padding, bool [..., N, M].
-        choices: of each robot, by column: `Sizes.choices`.
-        n_columns: D; further columns of a robot have one choice, which is always allowed.
+    As recorded, `joined` has a robot's choices of all columns one after the other, then padding,
+    bool [..., N, M]. Columns that a robot lacks have one choice, which is always allowed.
     """
     most = max(len(column) for agent in choices for column in agent)
     masks = joined.new_zeros(*joined.shape[:-1], n_columns, most)

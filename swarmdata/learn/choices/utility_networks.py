@@ -18,13 +18,7 @@ from swarmdata.learn.choices.behavior_heads import (
 from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.segments import (
-    learned_rows,
-    learned_steps,
-    remembered,
-    remembered_next,
-    take,
-)
+from swarmdata.learn.memory.segments import learned, remembered_next
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP, initialize
@@ -67,12 +61,7 @@ class DecompositionConfig(MemorySettings):
 
 
 class TeamMemory:
-    """Gated units of K seeds: one that all robots of a seed share, or one for each robot.
-
-    Args:
-        stream: separates the draws of different networks of one seed.
-        parameters: whether robots share one unit, which sees their number.
-    """
+    """Gated units of K seeds: one that all robots of a seed share, or one for each robot."""
 
     def __init__(
         self, setup: Setup, settings: MemorySettings, stream: int, parameters: Parameters
@@ -88,29 +77,22 @@ class TeamMemory:
     def along(
         self, batch: Batch, normalize: Callable[[Tensor], Tensor], slow: StackedGates
     ) -> tuple[Batch, Tensor, Tensor, Tensor]:
-        """Returns transitions to learn from, and normalized observations with memories.
-
-        Args:
-            batch: windows [K, B, L, ...].
-            normalize: makes observations as recorded comparable.
-            slow: target copies of the units.
+        """Returns transitions of windows to learn from, [K, R, ...], and what is seen of them.
 
         Returns:
-            Transitions, fields [K, R, ...]; what is seen, [K, R, N, O + M]; what is seen one step
-            later, and what the target copies see then, both without a gradient.
+            Transitions; normalized observations with memories, [K, R, N, O + M]; these one step
+            later, and what the target copies `slow` see then, both without a gradient.
         """
-        rows = learned_rows(batch.mask, self.window)
-        steps, features = learned_steps(batch, rows), normalize(batch.observations)
-        memory = take(remembered(self.network, features, batch.mask, self.parameters), rows)
-        seen = torch.cat([take(features, rows), memory], -1)
+        features = normalize(batch.observations)
+        steps, now, memory = learned(self.network, batch, features, self.window, self.parameters)
         with torch.no_grad():
             after = normalize(steps.next_observations)
-            kept = take(remembered(slow, features, batch.mask, self.parameters), rows)
+            kept = learned(slow, batch, features, self.window, self.parameters)[2]
             later, slow_later = (
-                torch.cat([after, remembered_next(network, after, now, self.parameters)], -1)
-                for network, now in ((self.network, memory), (slow, kept))
+                torch.cat([after, remembered_next(network, after, held, self.parameters)], -1)
+                for network, held in ((self.network, memory), (slow, kept))
             )
-        return steps, seen, later, slow_later
+        return steps, torch.cat([now, memory], -1), later, slow_later
 
     def extract(self, index: int) -> list[Layer]:
         """Returns a copy of the units of seed number `index`, float64, on the CPU."""
@@ -120,11 +102,8 @@ class TeamMemory:
 class UtilityNetworks:
     """K seeds of two utility networks, their targets, and a behavior head where it is needed.
 
-    With a memory, one gated unit of a seed remembers for all of these networks, which see its
-    memory beside the present observation. The targets see that of a target copy.
-
-    Args:
-        mixer: networks of a mixer to train along; None if nothing of it is learned.
+    With a memory, one gated unit of a seed remembers for all of these networks; the targets see
+    that of a target copy. `mixer` is trained along.
     """
 
     def __init__(
@@ -165,11 +144,7 @@ class UtilityNetworks:
         )
 
     def see(self, batch: Batch) -> "Seen":
-        """Returns transitions [K, B, ...], and what networks see of them.
-
-        Args:
-            batch: transitions, or windows [K, B, L, ...] with a memory.
-        """
+        """Returns transitions [K, B, ...], and what networks see of them; windows with a memory."""
         if self.memory is not None:
             slow = self.descent.targets["memory"]
             return Seen(*self.memory.along(batch, self.normalizer.observations, slow))
@@ -177,51 +152,24 @@ class UtilityNetworks:
         after = self.normalizer.observations(batch.next_observations)
         return Seen(batch, features, after, after)
 
-    def evaluate(self, seen: "Seen") -> "Evaluated":
-        """Returns what the networks give for a batch."""
-        return Evaluated(
-            self.choices.weights(seen.batch.actions),
-            self.utilities(seen.features),
-            self.log_probs(seen.features),
-            self.information(seen.batch.states, seen.features),
-        )
-
     def utilities(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
-        """Returns both networks' utilities of every choice, [K, J, B, N, D, C].
-
-        Args:
-            features: normalized observations, with the memory if there is one, [K, B, N, F].
-            network: other parameters to use, those of the targets.
-        """
+        """Returns both networks' utilities, [K, J, B, N, D, C], of what they see, [K, B, N, F]."""
         outputs = self.team(features.repeat_interleave(N_CRITICS, 0), network)
         return by_critic(bins.by_dimension(outputs, self.choices.n_choices))
 
     def information(self, states: Tensor, features: Tensor) -> Tensor:
-        """Returns x, normalized, [K, B, S + N O].
-
-        Args:
-            states: as recorded, [K, B, S].
-            features: what the networks see; of it, the observations, which come first, are taken.
-        """
+        """Returns x, normalized, [K, B, S + N O]; observations come first in the features."""
         observations = features[..., : self.sizes.observation]
         return information(self.normalizer.states(states), observations)
 
     def log_probs(self, features: Tensor) -> Tensor | None:
-        """Returns log pi_b, [K, B, N, D, C], or [K, B, N, C ** D] of a joint head.
-
-        None without a behavior head.
-        """
+        """Returns log pi_b, [K, B, N, D, C] or [K, B, N, C ** D]; None without a behavior head."""
         if self.behavior is None:
             return None
         return behavior_log_probs(self.behavior(features), self.choices, self.rule.head)
 
     def act(self, utilities: Tensor, log_probs: Tensor | None) -> Tensor:
-        """Returns the actions of the rule as weights of the choices, [K, B, N, D, C].
-
-        Args:
-            utilities: of both networks, [K, J, B, N, D, C]; their mean decides.
-            log_probs: of the behavior head.
-        """
+        """Returns the rule's actions as weights of the choices, [K, B, N, D, C], by J's mean."""
         return self.rule.act(utilities.mean(1), log_probs, self.choices)
 
     def state_dict(self) -> dict[str, Tensor]:
@@ -239,15 +187,6 @@ class Seen(NamedTuple):
     features: Tensor  # [K, B, N, F]
     next_features: Tensor  # without a gradient if there is a memory, [K, B, N, F]
     slow_next_features: Tensor  # what the targets see, [K, B, N, F]
-
-
-class Evaluated(NamedTuple):
-    """A batch as the networks see it."""
-
-    weights: Tensor  # the data's actions as weights of the choices, [K, B, N, D, C]
-    utilities: Tensor  # [K, J, B, N, D, C]
-    log_probs: Tensor | None  # of the behavior head
-    information: Tensor  # x, normalized, [K, B, S + N O]
 
 
 def by_critic(values: Tensor) -> Tensor:

@@ -1,8 +1,7 @@
 """RobotStep: what one robot computes of its own observation, as a function of tensors alone.
 
-It is a policy's acting with everything around the network: the frame, the normalization, the number
-of the robot, and the limits of actions. Policies answer for all robots of a team; here each slot of
-the team gets the same observation, and the slot of the robot counts. Networks are small.
+Policies answer for all robots of a team; here each slot of the team gets the same observation, and
+the slot of the robot counts.
 """
 
 from abc import ABC
@@ -123,11 +122,7 @@ class RememberingStep(RobotStep):
 
 
 def robot_step(policy: Policy, n_robots: int) -> RobotStep:
-    """Returns the step of one robot.
-
-    Raises:
-        PolicyFitError: policies of this kind cannot be exported.
-    """
+    """Returns the step of one robot; PolicyFitError if policies of this kind cannot be exported."""
     match policy:
         case TorchPolicy() | BinPolicy() | ChoicePolicy():
             return DirectStep(policy, n_robots)
@@ -146,12 +141,7 @@ def robot_step(policy: Policy, n_robots: int) -> RobotStep:
 
 
 def fitting_step(policy: Policy, path: Path, features: Sequence[Sequence[str]]) -> RobotStep:
-    """Returns the step of one robot, for a new file.
-
-    Args:
-        policy: as a run has it.
-        path: of the file.
-        features: names of the numbers that each robot observes, [N] with at most O each.
+    """Returns the step of one robot, for a new file; `features`: names of what each robot observes.
 
     Raises:
         PolicyFitError: policies of this kind cannot be exported.

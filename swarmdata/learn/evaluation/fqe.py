@@ -2,9 +2,8 @@
 
 Le, Voloshin & Yue, "Batch Policy Learning under Constraints", ICML 2019, algorithm 3; the form with
 a slowly moving target network is that of Fu et al., "Benchmarks for Deep Off-Policy Evaluation",
-ICLR 2021, appendix, and the best of the direct methods compared by Voloshin et al., "Empirical
-Study of Off-Policy Policy Evaluation for Reinforcement Learning", NeurIPS 2021 (datasets track).
-For a team with reward r, the mean over agents, and the deterministic joint policy pi:
+ICLR 2021, appendix. For a team with reward r, the mean over agents, and the deterministic joint
+policy pi:
 
     y        = r + gamma (1 - termination) clip(Q'(x', pi(o')), low, high)
     L(Q)     = (Q(x, a) - y)^2                        over the train split
@@ -15,24 +14,20 @@ Deviations:
   are normalized, rewards divided by the standard deviation of the returns-to-go, critics have
   LayerNorm, and the learning rate decays along a cosine.
 - The bootstrap goes on through truncations, so V is the value of a task without a horizon.
-- `clip` guards against divergence. With all non-terminal team rewards of the data in [r-, r+] and
+- `clip` guards against divergence: with all non-terminal team rewards of the data in [r-, r+] and
   all terminal ones in [t-, t+], no policy that meets only such rewards has a value outside
-  [min(r- / (1 - gamma), t-), max(r+ / (1 - gamma), t+)]. `Values.clipped` says how often it binds.
+  [min(r- / (1 - gamma), t-), max(r+ / (1 - gamma), t+)].
 - Common random numbers: the critics of all K policies start from the same parameters and see the
   same batches, so that what differs between their values is due to the policies.
 
-What to expect. Near the data the values are close. Far from them they are too high: a critic is
-asked there for actions that no recorded one resembles, and nothing in its loss holds it down.
-`imitation_error` tells such policies.
-
-Importance sampling is not offered. Its weights pi(a|o) / beta(a|o) need a policy with a density
-where the data are; that of a deterministic policy is zero at every recorded action but its own.
+Far from the data, values are too high: nothing holds a critic down there. `imitation_error` tells
+such policies.
 """
 
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Any
 
 import numpy as np
 import torch
@@ -46,7 +41,7 @@ from swarmdata.learn.networks.optimizer import cosine
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.training.training_data import Data
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.types import Batch, Double, Int
+from swarmdata.types import Double, Int
 
 N_CURVE_POINTS = 10
 """Of the curve of values while they are fitted."""
@@ -98,11 +93,7 @@ class Values:
 
 
 def attainable(data: Transitions, discount: float) -> tuple[float, float]:
-    """Returns the least and the greatest value of policies that meet only rewards of the data.
-
-    A policy may collect the best non-terminal reward for ever, or the best terminal one at once;
-    every mixture lies between.
-    """
+    """Returns the least and the greatest value of policies that meet only rewards of the data."""
     rewards, last = data.rewards.double(), data.terminations
     ends = [side for side in (rewards[~last] / (1 - discount), rewards[last]) if len(side)]
     lows, highs = (
@@ -133,12 +124,7 @@ class Answered:
 
 
 class FittedQ:
-    """K M critics, M for each of K policies, fitted at once on the same batches.
-
-    Args:
-        train: the transitions to fit, and the policies' actions there.
-        scale: what rewards and values are divided by inside.
-    """
+    """K M critics, M for each of K policies, fitted on the same batches; rewards over `scale`."""
 
     def __init__(self, train: Answered, scale: float, config: FQEConfig) -> None:
         self.train, self.scale, self.config, self.n_updates = train, scale, config, 0
@@ -255,15 +241,6 @@ N_BATCHES, BATCH_SIZE = 32, 256
 """Held-out transitions on which a TD error is measured."""
 
 
-@runtime_checkable
-class HasTDError(Protocol):
-    """An algorithm with critics that can be measured on data; the others have no such error."""
-
-    def td_error(self, batch: Batch) -> Tensor:
-        """Returns the mean over critics and rows of (Q - y)^2 in scaled rewards, [K]."""
-        ...
-
-
 def imitation_error(split: Answered) -> Double:
     """Returns what behavior cloning minimizes: mean |pi(o_i) - a_i|^2 / A, [K]."""
     return _mean(_errors(split), torch.ones_like(split.data.returns, dtype=torch.float64))
@@ -295,21 +272,14 @@ def _mean(errors: Tensor, weights: Tensor) -> Double:
 
 @torch.no_grad()
 def td_errors(
-    algorithm: object, dataset: Data, n_seeds: int, scale: float, device: torch.device | str
+    algorithm: Any, dataset: Data, n_seeds: int, scale: float, device: torch.device | str
 ) -> Double | None:
     """Returns the root mean square of Q - y of an algorithm's own critics, [K], if it has any.
 
-    In units of rewards, but still of the algorithm's own discount and target: comparable between
-    seeds and settings of one algorithm at best.
-
-    Args:
-        algorithm: trained; noise in its targets is drawn from its generators.
-        dataset: what to measure on, usually the validation split.
-        n_seeds: policies of the algorithm, K.
-        scale: what the algorithm divides rewards by.
-        device: where the algorithm is.
+    In units of rewards, by the `scale` that the algorithm divides them by, but of its own discount
+    and target: comparable between seeds and settings of one algorithm at best.
     """
-    if not isinstance(algorithm, HasTDError):
+    if not hasattr(algorithm, "td_error"):
         return None
     sampler = dataset.sampler(BATCH_SIZE, seed=0)
     total = np.zeros(n_seeds)

@@ -49,13 +49,7 @@ class Transitions:
         discount: float,
         device: torch.device | str = "cpu",
     ) -> "Transitions":
-        """Reads all episodes of a dataset, usually one split.
-
-        Args:
-            dataset: what to read.
-            statistics: for the normalization.
-            discount: factor per step of `returns`.
-            device: where the tensors are.
+        """Reads all episodes of a dataset, usually one split; `discount` is a step's, of `returns`.
 
         Raises:
             SchemaError: there are no episodes, the actions are not continuous and bounded, or
@@ -115,19 +109,13 @@ def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
 def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     """Returns the actions of K policies in every state of a dataset, float32 [K, n + E, N, A].
 
-    Rows are those of `Transitions.x`. It takes 4 K N A bytes per step, 32 MB for each policy and
-    million steps of four robots. Robots that have left an episode do nothing.
-
-    Args:
-        policies: each an `Actor`.
-        dataset: what the transitions were read from.
+    Rows are those of `Transitions.x`. Robots that have left an episode do nothing.
 
     Raises:
         SchemaError: a policy does not tell its actions, or was trained on other observations.
     """
     actors = [policy for policy in policies if isinstance(policy, Actor)]
-    if len(actors) < len(policies):
-        silent = sorted({type(each).__name__ for each in policies if not isinstance(each, Actor)})
+    if silent := sorted({type(p).__name__ for p in policies if not isinstance(p, Actor)}):
         raise SchemaError(
             f"{', '.join(silent)} has no `actions(observations)`, expected policies whose actions "
             "are functions of what the robots see now: what others would have done in recorded "
@@ -136,8 +124,7 @@ def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     answers: list[Float] = []
     for episode in dataset:
         observations = np.array(episode.observations)
-        joint = np.stack([actor.actions(observations) for actor in actors]).astype(
-            np.float32, copy=False
-        )
+        joint = np.stack([actor.actions(observations) for actor in actors])
+        joint = joint.astype(np.float32, copy=False)
         answers.append(joint if episode.alive is None else joint * episode.alive[:, :, None])
     return np.concatenate(answers, axis=1)

@@ -10,20 +10,14 @@ c = (state, all observations):
     v_i     = (e(c, o_i, i, x, x_i, t) - x_i) / (1 - t)
 
 A sample is the end at t = 1 of the path dx/dt = v(c, x, t) that begins at z, by Euler's method. All
-robots share the network e, which gives one robot's part of the field: it sees the robot's own
-observation, number and part of the path beside what it knows of the team. A network that maps c to
-all N A numbers learns each robot's task anew. Every v_i is a function of the whole path x, so the
-team's action is one function of z, and robots that must agree do.
+robots share the network e. Every v_i is a function of the whole path x, so the team's action is one
+function of z, and robots that must agree do.
 
-The network predicts where a path ends, not its velocity a - z. The best field is the same; the
-squared error of v at t counts (1 - t)^2 times as much (Salimans & Ho 2022, "Progressive
-Distillation for Fast Sampling of Diffusion Models", section 4, compare such outputs for diffusion,
-and arXiv 2603.06454 for flows). Where c tells nearly all of the action, as it does in the data of
-experts, e hardly depends on x, and the last step ends at e itself, where a velocity must cancel the
-noise in its input ever more exactly.
-
-The price is that a spread much smaller than the noise is not copied: it shows in x at late times
-only, where e gains little by it. Modes far apart stay apart.
+The network predicts where a path ends, not its velocity a - z: the squared error of v at t counts
+(1 - t)^2 times as much (Salimans & Ho 2022, "Progressive Distillation for Fast Sampling of
+Diffusion Models", section 4; arXiv 2603.06454 for flows). Where c tells nearly all of the action, e
+hardly depends on x, where a velocity must cancel the noise ever more exactly. The price: a spread
+much smaller than the noise is not copied.
 """
 
 import torch
@@ -50,12 +44,8 @@ FLOW_STREAM = 4
 class JointFlow:
     """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends.
 
-    Args:
-        hidden: sizes of the hidden layers, at least one.
-        n_steps: of Euler's method.
-
     Raises:
-        SchemaError: there is no hidden layer, or no step.
+        SchemaError: there is no hidden layer, or no step of Euler's method.
     """
 
     def __init__(self, setup: Setup, hidden: tuple[int, ...], n_steps: int) -> None:
@@ -75,11 +65,8 @@ class JointFlow:
     def loss(self, x: Tensor, actions: Tensor, noise: Tensor, times: Tensor) -> Tensor:
         """Returns L(e), the mean over rows, [K].
 
-        Args:
-            x: c, normalized states and observations, [K, B, S + N O].
-            actions: of the data, [K, B, N, A].
-            noise: z, standard normal, [K, B, N, A].
-            times: t, uniform in [0, 1), [K, B, 1].
+        `x` is c, normalized, [K, B, S + N O]; actions are the data's and `noise` z, both [K, B, N,
+        A]; times t, uniform in [0, 1), [K, B, 1].
         """
         on_path = noise + times[..., None] * (actions - noise)
         team = torch.cat([x, on_path.flatten(2), times], 2)
@@ -89,14 +76,9 @@ class JointFlow:
 
     @torch.no_grad()
     def sample(self, x: Tensor, noise: Tensor) -> Tensor:
-        """Returns the joint actions that noise leads to, [K, B, N, A], clipped to [-1, 1].
+        """Returns the joint actions that noise leads to, [K, B, N, A], in [-1, 1]; no gradient.
 
-        Nothing is differentiated. What c adds to the first layer is computed once, not once for
-        each step.
-
-        Args:
-            x: c, normalized states and observations, [K, B, S + N O].
-            noise: z, standard normal, [K, B, N, A].
+        What c adds to the first layer is computed once, not once for each step.
         """
         layers = self.network.constants()
         known, moving = self._first_products(layers[0], x)
@@ -109,15 +91,7 @@ class JointFlow:
         return path.clamp(-1, 1).view_as(noise)
 
     def _first_products(self, first: Layer, x: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns what c adds to the products of a first layer, and what maps a path to its part.
-
-        Args:
-            first: of H units.
-            x: c, [K, B, S + N O].
-
-        Returns:
-            [K, B, N H] and [K, N A, N H].
-        """
+        """What c adds to a first layer's products, [K, B, N H], and a path's map, [K, N A, N H]."""
         n_agents, n_actions = self.sizes.n_agents, self.sizes.action
         team, own = first.weight[:, : self._n_team], first.weight[:, self._n_team :]
         of_team = affine(x, team[:, : x.shape[2]], first.bias).repeat(1, 1, n_agents)

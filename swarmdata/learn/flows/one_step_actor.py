@@ -10,13 +10,7 @@ from torch import Tensor
 from swarmdata.learn.flows.joint_flow import JointFlow
 from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS, GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.segments import (
-    learned_rows,
-    learned_steps,
-    remembered,
-    remembered_next,
-    take,
-)
+from swarmdata.learn.memory.segments import learned, remembered_next
 from swarmdata.learn.networks.actor import ACTOR_STREAM
 from swarmdata.learn.networks.network_inputs import (
     Standardization,
@@ -42,12 +36,7 @@ def noise_size(noise: Noise, n_agents: int, action_size: int) -> int:
 
 
 def known_noise(values: Tensor, noise: Noise) -> Tensor:
-    """Returns what each robot knows of the team's noise, [..., N, `noise_size`].
-
-    Args:
-        values: the noise of all robots, [..., N, A].
-        noise: how much of it they know; of `team` a robot sees its own first.
-    """
+    """Returns what each robot knows of the team's noise [..., N, A], [..., N, `noise_size`]."""
     if noise == "own":
         return values
     n_agents = values.shape[-2]
@@ -80,8 +69,7 @@ class OneStepActor:
     """Students of a `JointFlow`: mu(o_i, i, z), or mu(h_i, i, z) with a memory h_i, of K seeds.
 
     A robot's memory is that of a gated recurrent unit which sees its normalized observations and
-    its number, as in `memory.recurrent_actor`; it is empty when an episode begins. Noise does not
-    enter it: it is new in every step, and what it did is seen in the robot's motion.
+    its number, as in `memory.recurrent_actor`. Noise does not enter it.
     """
 
     def __init__(self, setup: Setup, config: FlowSettings, hidden: tuple[int, ...]) -> None:
@@ -100,20 +88,12 @@ class OneStepActor:
         self.standard = Standardization.of(setup.statistics, setup.device)
 
     def see(self, batch: Batch) -> StudentView:
-        """Returns the transitions to learn from, and what the actors see of them.
-
-        Args:
-            batch: transitions [K, B, ...]; with a memory windows [K, B, L, ...], of which the
-                result has B times the steps of a segment.
-        """
+        """Returns the transitions to learn from, of windows too, and what actors see of them."""
         features = self.standard(batch.observations)
         if not isinstance(self.network, StackedGates):
             return StudentView(batch, features)
-        rows = learned_rows(batch.mask, self.config.window)
-        memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
-        return StudentView(
-            learned_steps(batch, rows), torch.cat([take(features, rows), memory], -1)
-        )
+        steps, *known = learned(self.network, batch, features, self.config.window, "shared")
+        return StudentView(steps, torch.cat(known, -1))
 
     @torch.no_grad()
     def see_next(self, view: StudentView) -> Tensor:
@@ -125,12 +105,7 @@ class OneStepActor:
         return torch.cat([after, remembered_next(self.network, after, memory, "shared")], -1)
 
     def __call__(self, features: Tensor, noise: Tensor) -> Tensor:
-        """Returns actions, [K, B, N, A], in (-1, 1).
-
-        Args:
-            features: what the actors see, [K, B, N, F].
-            noise: z of the whole team, standard normal, [K, B, N, A].
-        """
+        """Returns actions, [K, B, N, A], in (-1, 1), of what actors see and the team's noise."""
         known = torch.cat([features, known_noise(noise, self.config.noise)], -1)
         first = N_GATE_LAYERS if isinstance(self.network, StackedGates) else 0
         outputs = mlp(self.network.layers[first:], with_agent_id(known).flatten(1, 2))
@@ -146,8 +121,7 @@ class Distillation:
         T = F(c, z) + a - F(c, z')
 
     Given c and z, the mean of T is F(c, z) plus what the mean of the flow lacks of that of the
-    data. The price is noise in the targets, twice the spread of the data, and where the flow weighs
-    modes otherwise than the data do, all of them move by the difference of the means.
+    data. The price is noise in the targets, twice the spread of the data.
     """
 
     def __init__(
@@ -165,14 +139,7 @@ class Distillation:
     def fit(
         self, x: Tensor, actions: Tensor, generators: Sequence[torch.Generator], scale: float
     ) -> Tensor:
-        """Moves the flow one step towards the data; returns its loss, [K].
-
-        Args:
-            x: normalized states and observations, [K, B, S + N O].
-            actions: joint actions of the data, [K, B, N, A].
-            generators: of noise and times, one per seed, [K].
-            scale: factor on the learning rate.
-        """
+        """Moves the flow one step towards actions of the data, given x; returns its loss, [K]."""
         times = uniform_like(generators, actions[:, :, 0, :1])  # [K, B, 1]
         loss = self.flow.loss(x, actions, normal_like(generators, actions), times)
         self._descent.step_of("teacher", loss, scale)
@@ -181,14 +148,7 @@ class Distillation:
     def targets(
         self, x: Tensor, z: Tensor, actions: Tensor, generators: Sequence[torch.Generator]
     ) -> Tensor:
-        """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'.
-
-        Args:
-            x: normalized states and observations, [K, B, S + N O].
-            z: the noise that the actors see, [K, B, N, A].
-            actions: joint actions of the data, [K, B, N, A].
-            generators: of the noise z', one per seed, [K].
-        """
+        """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'."""
         samples = self.flow.sample(x, z)
         if not self._debiased:
             return samples

@@ -43,17 +43,6 @@ class GatedShape:
         if self.reader is not None:
             yield from self.reader.layers()
 
-    @property
-    def outputs(self) -> int:
-        """Number of outputs."""
-        return self.memory if self.reader is None else self.reader.outputs
-
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        of_gates = 3 * self.memory * (self.inputs + self.memory + 2)
-        return of_gates + (0 if self.reader is None else self.reader.n_parameters)
-
 
 class StackedGates(StackedLayers):
     """R independent gated units, each with a reader if the shape has one."""
@@ -68,13 +57,10 @@ class StackedGates(StackedLayers):
 def memories(
     layers: Sequence[Layer], inputs: Tensor, starts: Tensor, first: Tensor | None = None
 ) -> Tensor:
-    """Returns the memories after each step, [R, T, B, M].
+    """Returns the memories after each step, [R, T, B, M], of inputs [R, T, B, F].
 
-    Args:
-        layers: of the gates, and more.
-        inputs: [R, T, B, F].
-        starts: whether the memory is empty before a step, bool [R, T, B].
-        first: memory before the first step, [R, B, M]; None: empty.
+    `starts` tells whether the memory is empty before a step, bool [R, T, B]; `first` is the memory
+    before the first step, [R, B, M], None an empty one.
     """
     n_rows, n_steps, n_batch = starts.shape
     gates = layers[0]
@@ -96,13 +82,7 @@ def next_memory(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tens
 
 
 def read(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tensor:
-    """Returns the reader's outputs, [R, B, outputs].
-
-    Args:
-        layers: of the gates, then of the reader.
-        inputs: of the step, [R, B, F].
-        memory: after the step, [R, B, M].
-    """
+    """Returns the reader's outputs, [R, B, outputs], of inputs and the memory after the step."""
     return mlp(layers[N_GATE_LAYERS:], torch.cat([inputs, memory], -1))
 
 

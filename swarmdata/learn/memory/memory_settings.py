@@ -51,7 +51,6 @@ class MemorySettings(WindowSettings):
         return self.memory != "none"
 
     def n_windows(self, batch_size: int) -> int:
-        """Returns how many segments a batch has; see `WindowSettings.n_windows`."""
         if self.memory_size < 1:
             raise SchemaError(f"got memory_size={self.memory_size}, expected at least 1")
         return super().n_windows(batch_size)

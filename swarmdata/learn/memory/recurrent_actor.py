@@ -1,9 +1,9 @@
 """The deterministic policies of K seeds that remember, each shared by all agents.
 
-A robot's memory is that of a gated recurrent unit which sees its normalized observations and its
-number; a perceptron maps these and the memory to actions (Hausknecht & Stone, "Deep recurrent
-Q-learning for partially observable MDPs", 2015, have the unit before the last layer). The memory is
-empty when an episode begins.
+A gated recurrent unit sees a robot's normalized observations and its number; a perceptron maps
+these and the memory to actions (Hausknecht & Stone, "Deep recurrent Q-learning for partially
+observable MDPs", 2015, have the unit before the last layer). Memories are empty when an episode
+begins.
 """
 
 from collections.abc import Sequence
@@ -13,7 +13,7 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.memory.segments import learned_rows, learned_steps, remembered, take
+from swarmdata.learn.memory.segments import learned, learned_rows, learned_steps
 from swarmdata.learn.networks.actor import ACTOR_STREAM, PolicyNetwork, StackedActor
 from swarmdata.learn.networks.network_inputs import Standardization
 from swarmdata.learn.networks.perceptrons import MLPShape, initialize
@@ -47,16 +47,13 @@ class RecurrentActor:
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
         """Returns the transitions to learn from, fields [K, R, ...], and the actions there.
 
-        Args:
-            batch: windows [K, B, L, ...]; R is B times the steps of a segment.
+        The batch has windows [K, B, L, ...]; R is B times the steps of a segment.
         """
-        rows = learned_rows(batch.mask, self.window)
         features = self.standard(batch.observations)
-        memory = take(remembered(self.network, features, batch.mask, "shared"), rows)
-        seen = to_rows(take(features, rows), "shared")
-        outputs = self.network.read(seen, by_network(memory, "shared"))
+        steps, seen, memory = learned(self.network, batch, features, self.window, "shared")
+        outputs = self.network.read(to_rows(seen, "shared"), by_network(memory, "shared"))
         actions = from_rows(outputs.tanh() if self.squash else outputs, memory.shape, "shared")
-        return learned_steps(batch, rows), actions
+        return steps, actions
 
 
 def make_actor(

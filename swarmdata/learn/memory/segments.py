@@ -22,9 +22,7 @@ from swarmdata.types import Batch
 def learned_rows(mask: Tensor, window: int) -> Tensor:
     """Returns which steps of B windows are learned from, [K, B window], rows of [K, B L].
 
-    Args:
-        mask: False on padding, [K, B, L]; every segment has a step.
-        window: steps of a segment, the last of each window.
+    The segment is the last `window` steps of each; the mask, [K, B, L], is False on padding.
     """
     n_windows, length = mask.shape[1:]
     n_steps = mask[:, :, length - window :].sum(2, keepdim=True)  # [K, B, 1]
@@ -60,13 +58,8 @@ def remembered(
 ) -> Tensor:
     """Returns what each robot remembers after each step of windows, [K, B, L, N, M].
 
-    The memory is empty at the first step of a window, or of its episode.
-
-    Args:
-        network: gates of K seeds, or of K N robots.
-        features: normalized, [K, B, L, N, F]; those of padding do not matter.
-        mask: False on padding, [K, B, L].
-        parameters: whether robots share one network, which sees their number.
+    The memory is empty at the first step of a window, or of its episode. Features are normalized,
+    [K, B, L, N, F], the mask, [K, B, L], is False on padding, where they do not matter.
     """
     seen = features.masked_fill(~mask[..., None, None], 0.0)
     if parameters == "shared":
@@ -81,6 +74,18 @@ def remembered(
     return joined.reshape(k, b, n, length, -1).transpose(2, 3)
 
 
+def learned(
+    network: StackedGates, batch: Batch, features: Tensor, window: int, parameters: Parameters
+) -> tuple[Batch, Tensor, Tensor]:
+    """Returns transitions of windows to learn from, fields [K, R, ...], and what is known there.
+
+    That are normalized features, [K, R, N, F], and what robots remember, [K, R, N, M].
+    """
+    rows = learned_rows(batch.mask, window)
+    memory = take(remembered(network, features, batch.mask, parameters), rows)
+    return learned_steps(batch, rows), take(features, rows), memory
+
+
 def _by_time(values: Tensor, parameters: Parameters) -> Tensor:
     """Returns values [K, B, L, N, ...] by network, shared [K, L, B N, ...] or [K N, L, B, ...]."""
     return by_network(values.transpose(2, 3), parameters).transpose(1, 2)
@@ -89,14 +94,7 @@ def _by_time(values: Tensor, parameters: Parameters) -> Tensor:
 def remembered_next(
     network: StackedGates, features: Tensor, memory: Tensor, parameters: Parameters
 ) -> Tensor:
-    """Returns what each robot remembers one step later, [K, R, N, M].
-
-    Args:
-        network: as in `remembered`.
-        features: of the next step, normalized, [K, R, N, F].
-        memory: after this step, [K, R, N, M].
-        parameters: as in `remembered`.
-    """
+    """Returns what each robot remembers one step later, [K, R, N, M], of that step's features."""
     rows = by_network(memory, parameters)
     after = next_memory(network.layers, to_rows(features, parameters), rows)
     return from_rows(after, memory.shape, parameters)

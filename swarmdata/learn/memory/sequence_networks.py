@@ -10,14 +10,13 @@ gamma_h = 1 - 2^-(1+h):
     h     += W_p [sum_{j < i} p_ij v_ij]_h,   p_ij = exp(q_i . k_ij / sqrt(d_h)) / (1 + sum_j exp)
     h     += W_4 relu(W_3 n(h))
 
-The first sum is retention (Sun et al. 2023, "Retentive network", equations 5 and 6), over the
-steps of one robot: over a window as a product of matrices, and when acting as a memory of H
-matrices, S <- gamma S + k^T v. Queries, keys and values are linear in h and n(h). Those between
-robots, k_ij and v_ij, are also linear in what robot i was told: the action that robot j has just
-chosen, in robot i's frame. The 1 in the quotient is a robot that says nothing, the only one that
-the first robot hears.
+The first sum is retention (Sun et al. 2023, "Retentive network", equations 5 and 6): over a window
+as a product of matrices, and when acting as a memory of H matrices, S <- gamma S + k^T v. Queries,
+keys and values are linear in h and n(h); k_ij and v_ij also in what robot i was told of the action
+that robot j has just chosen. The 1 in the quotient is a robot that says nothing.
 
-So a robot depends on its own past and present, and on what the robots before it observed and chose.
+`SequenceActor` tells every robot the actions of the robots before it, turned into its own frame,
+with the direction of the teller's frame.
 """
 
 import math
@@ -29,7 +28,15 @@ import torch
 from torch import Tensor
 from torch.nn.functional import layer_norm
 
-from swarmdata.learn.networks.perceptrons import Layer, StackedLayers, affine
+from swarmdata.errors import SchemaError
+from swarmdata.learn.memory.memory_settings import WindowSettings
+from swarmdata.learn.memory.segments import learned_rows, learned_steps, take
+from swarmdata.learn.networks.actor import ACTOR_STREAM
+from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
+from swarmdata.learn.networks.perceptrons import Layer, StackedLayers, affine, initialize
+from swarmdata.learn.networks.setup import Setup
+from swarmdata.perception.frames import Frame
+from swarmdata.types import Batch
 
 EMBED, TIME, TIME_OUT, TIME_IN, TIME_FORTH, ROBOTS, TOLD, ROBOTS_OUT, IN, FORTH, HEAD = range(11)
 """Places of the layers."""
@@ -60,16 +67,6 @@ class SequenceShape:
         yield wide, width, False
         yield width, self.outputs, False
 
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        return sum(i * o + o for i, o, _ in self.layers())
-
-    @property
-    def memory(self) -> int:
-        """Numbers that a robot remembers, H matrices of d_h by d_h."""
-        return memory_size(self.width, self.n_heads)
-
 
 class StackedSequences(StackedLayers):
     """R independent sequence networks."""
@@ -92,11 +89,7 @@ def over_window(
 ) -> tuple[Tensor, Tensor]:
     """Returns the tokens of windows as embedded, and what they recall, both [R, B, L, N, width].
 
-    Args:
-        layers: of R networks.
-        inputs: of the tokens, [R, B, L, N, F].
-        mask: False on padding, whose tokens nobody recalls, [R, B, L].
-        n_heads: H.
+    Inputs are [R, B, L, N, F]; the mask, [R, B, L], is False on padding, which nobody recalls.
     """
     n_steps = inputs.shape[2]
     embedded, q, k, v = (each.transpose(2, 3) for each in _embedded(layers, inputs))
@@ -114,13 +107,9 @@ def over_window(
 def over_step(
     layers: Sequence[Layer], inputs: Tensor, memory: Tensor, n_heads: int
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """Takes in one step; returns tokens as embedded, what they recall, and the memory after it.
+    """Takes in one step of inputs [R, B, N, F], with the memory before it, [R, B, N, M].
 
-    Args:
-        layers: of R networks.
-        inputs: of the tokens, [R, B, N, F].
-        memory: before the step, [R, B, N, M].
-        n_heads: H.
+    Returns tokens as embedded, what they recall, both [R, B, N, width], and the memory after it.
     """
     embedded, q, k, v = _embedded(layers, inputs)
     q, k, v = (_by_head(each, n_heads) for each in (q, k, v))  # [R, B, N, H, d_h]
@@ -148,12 +137,9 @@ def decide(
 ) -> Tensor:
     """Returns the outputs of the last Q of N robots, [R, B, Q, outputs].
 
-    Args:
-        layers: of R networks.
-        tokens: of the robots that decide and those before them, [R, B, N, width].
-        told: actions of all as each that decides is told of them, [R, B, Q, N, D].
-        hears: whom each that decides hears, bool [Q, N].
-        n_heads: H.
+    Tokens, [R, B, N, width], are of the robots that decide and those before them; `told` are the
+    actions of all as each that decides is told of them, [R, B, Q, N, D]; `hears` whom it hears,
+    bool [Q, N].
     """
     n_deciding = hears.shape[0]
     q, k, v = _linear(layers[ROBOTS], _norm(tokens)).chunk(3, -1)
@@ -202,8 +188,7 @@ class Mixture(NamedTuple):
 
         p(a) ~ sum_m w_m exp(-|a - mu_m|^2 / 2 sigma^2)
 
-    With one component, the likelihood is a squared error. A squared error of data with two modes is
-    least between them, where no data are; components find one mode each.
+    With one component, the likelihood is a squared error.
     """
 
     log_weights: Tensor  # [..., M]
@@ -217,12 +202,7 @@ class Mixture(NamedTuple):
         return cls(logits.log_softmax(-1), shaped.tanh())
 
     def surprise(self, actions: Tensor, deviation: float) -> Tensor:
-        """Returns -2 sigma^2 / A log p(a), but for a constant, [...].
-
-        Args:
-            actions: [..., A].
-            deviation: sigma.
-        """
+        """Returns -2 sigma^2 / A log p(a), but for a constant, [...], of actions [..., A]."""
         exponents = self.log_weights + _exponents(actions[..., None, :] - self.means, deviation)
         return exponents.logsumexp(-1) * (-2 * deviation**2 / actions.shape[-1])
 
@@ -237,3 +217,85 @@ class Mixture(NamedTuple):
 
 def _exponents(differences: Tensor, deviation: float) -> Tensor:
     return (differences * differences).sum(-1) * (-0.5 / deviation**2)
+
+
+@dataclass(frozen=True)
+class SequenceSettings(WindowSettings):
+    """Settings of policies that act in sequence.
+
+    Raises:
+        SchemaError: a size is below 1, or heads do not divide the width.
+    """
+
+    window: int = 10  # with 10 steps of burn-in, a robot learns with 10 to 20 steps of its past
+    width: int = 64  # of a token
+    n_heads: int = 4  # of each attention; the slowest forgets half of a step in 11 steps
+    n_components: int = 4  # modes of a robot's action
+    deviation: float = 0.2  # of each mode; what is nearer than that is one mode
+    joint: bool = True  # whether robots hear those before them; without, each acts alone
+
+    def __post_init__(self) -> None:
+        if self.n_heads < 1 or self.width < 1 or self.width % self.n_heads:
+            raise SchemaError(
+                f"got width={self.width} and n_heads={self.n_heads}, expected a width that is a "
+                "multiple of the number of heads"
+            )
+        if self.n_components < 1 or self.deviation <= 0:
+            raise SchemaError(
+                f"got n_components={self.n_components} and deviation={self.deviation}, expected at "
+                "least 1 and above 0"
+            )
+
+
+class SequenceActor:
+    """Maps all observations of an episode so far, and the actions of robots before, to mixtures."""
+
+    def __init__(self, setup: Setup, settings: SequenceSettings) -> None:
+        sizes = setup.sizes
+        self.shape = SequenceShape(
+            inputs=sizes.observation + sizes.n_agents,
+            told=sizes.action + (0 if sizes.frame is None else 2),
+            width=settings.width,
+            n_heads=settings.n_heads,
+            outputs=settings.n_components * (1 + sizes.action),
+        )
+        self.network = StackedSequences(self.shape, setup.n_seeds, setup.device)
+        initialize(self.network, setup.seeds, ACTOR_STREAM)
+        self.settings, self.sizes = settings, sizes
+        self._hears = earlier(sizes.n_agents, setup.device) & settings.joint
+        self.standard = Standardization.of(setup.statistics, setup.device)
+
+    def along(self, batch: Batch) -> tuple[Batch, Tensor]:
+        """Returns the transitions to learn from, fields [K, R, ...], and the outputs there.
+
+        The batch has windows [K, B, L, ...]; R is B times the steps of a segment.
+        """
+        layers, n_heads = self.network.layers, self.settings.n_heads
+        rows = learned_rows(batch.mask, self.settings.window)
+        steps = learned_steps(batch, rows)
+        seen = self.standard(batch.observations).masked_fill(~batch.mask[..., None, None], 0.0)
+        embedded, recalled = over_window(layers, with_agent_id(seen), batch.mask, n_heads)
+        tokens = with_past(layers, take(embedded, rows), take(recalled, rows))
+        told = told_actions(self.sizes.frame, steps.observations, steps.actions)
+        return steps, decide(layers, tokens, told, self._hears, n_heads)
+
+
+def told_actions(frame: Frame | None, observations: Tensor, actions: Tensor) -> Tensor:
+    """Returns what each robot is told of each action, [..., N, N, D]; tellers are the last but one.
+
+    Observations [..., N, O], not normalized, and actions [..., N, A] are each in the frame of their
+    robot; without a frame, in the world's.
+    """
+    n_agents = actions.shape[-2]
+    told = actions[..., None, :, :].expand(*actions.shape[:-2], n_agents, -1, -1)
+    if frame is None:
+        return told
+    axis = observations.shape[-1] - frame.n_added
+    ux, uy = observations[..., axis, None], observations[..., axis + 1, None]  # [..., N, 1]
+    wx, wy = ux.transpose(-1, -2), uy.transpose(-1, -2)
+    cosines, sines = ux * wx + uy * wy, ux * wy - uy * wx  # [..., N, N]
+    x, y = told[..., 0], told[..., 1]
+    turned = torch.stack([cosines * x - sines * y, sines * x + cosines * y], -1)
+    turns = torch.from_numpy(frame.turns(n_agents)).to(told.device)[:, None]  # of the tellers
+    told = torch.cat([torch.where(turns, turned, told[..., :2]), told[..., 2:]], -1)
+    return torch.cat([told, cosines[..., None], sines[..., None]], -1)

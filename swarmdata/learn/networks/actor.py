@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 import torch
 from torch import Tensor
@@ -58,10 +58,7 @@ class StackedActor:
         self.standard = Standardization(mean, std, device)
 
     def inputs(self, observations: Tensor) -> Tensor:
-        """Returns the network's input rows of observations [K, B, N, O].
-
-        Those of a perceptron are [K, B N, O + N], those of a network over sets [K, B N, O].
-        """
+        """Returns the network's rows, [K, B N, O + N], of sets [K, B N, O], of [K, B, N, O]."""
         standard = self.standard(observations)
         is_numbered = isinstance(self.network, StackedMLP)
         return (with_agent_id(standard) if is_numbered else standard).flatten(1, 2)
@@ -69,12 +66,7 @@ class StackedActor:
     def __call__(
         self, observations: Tensor, network: StackedMLP | StackedSets | None = None
     ) -> Tensor:
-        """Returns actions, [K, B, N, A], of observations [K, B, N, O].
-
-        Args:
-            observations: as recorded.
-            network: other parameters to use, such as those of the target policy.
-        """
+        """Returns actions, [K, B, N, A], of observations as recorded; `network`: a slow copy."""
         outputs = (network or self.network)(self.inputs(observations))
         actions = outputs.tanh() if self.squash else outputs
         return actions.view(*observations.shape[:3], -1)
@@ -89,11 +81,7 @@ class StackedActor:
 
 
 class DelayedActor(Descent):
-    """Squashed policies of K seeds, their slow copies for targets, and their optimizer.
-
-    Args:
-        online: the policies; their outputs pass through tanh.
-    """
+    """Policies of K seeds that end in tanh, their slow copies for targets, and their optimizer."""
 
     def __init__(
         self, online: StackedActor, n_seeds: int, *, learning_rate: float, max_norm: float | None
@@ -113,13 +101,8 @@ class DelayedActor(Descent):
     ) -> Tensor:
         """Returns the slow copies' actions with clipped noise, [K, B, N, A], in [-1, 1].
 
-        Target policy smoothing (Fujimoto et al. 2018, eq. 14).
-
-        Args:
-            noise: standard normal, [K, B, N, A].
-            observations: as recorded, [K, B, N, O].
-            deviation: factor on the noise before it is clipped.
-            largest: noise is clipped to [-largest, largest].
+        Target policy smoothing (Fujimoto et al. 2018, eq. 14): standard normal `noise` [K, B, N, A]
+        times `deviation`, clipped to [-largest, largest]; observations as recorded, [K, B, N, O].
         """
         actions = self.online(observations, self.target)
         return (actions + (noise * deviation).clamp(-largest, largest)).clamp(-1, 1)
@@ -136,12 +119,8 @@ class BehaviorDensity(Descent):
     """beta(a_i | o_i) = N(tanh m(o_i, i), s(o_i, i)^2), with a deviation that depends on both.
 
     It sees what the actors see, by a network of the same kind. Where the data's robots act alike, s
-    is small and leaving the data costs much; where they differ, it costs little. An error of equal
-    weight everywhere, as in TD3+BC, knows no difference.
-
-    Args:
-        actor: whose inputs and kind of network the density shares.
-        floor: least deviation; without one, a certain density forbids every improvement.
+    is small and leaving the data costs much. `floor` is the least deviation: without one, a certain
+    density forbids every improvement.
     """
 
     def __init__(
@@ -163,11 +142,8 @@ class BehaviorDensity(Descent):
 
         Each row is weighted by its own variance: by likelihood alone, the mean would learn little
         where the deviation is large (beta-NLL with beta = 1; Seitzer et al. 2022, "On the pitfalls
-        of heteroscedastic uncertainty estimation with probabilistic neural networks").
-
-        Args:
-            observations: as recorded, [K, B, N, O].
-            actions: of the data, [K, B, N, A].
+        of heteroscedastic uncertainty estimation with probabilistic neural networks"). Observations
+        [K, B, N, O] are as recorded, actions [K, B, N, A] the data's.
         """
         mean, log_std = self._outputs(self.network(self._actor.inputs(observations)), actions)
         losses = 0.5 * ((actions - mean) / log_std.exp()).square() + log_std  # [K, B, N, A]
@@ -177,12 +153,7 @@ class BehaviorDensity(Descent):
 
     @torch.no_grad()
     def moments(self, observations: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns mean and deviation, at least the floor, of each action, both [K, B, N, A].
-
-        Args:
-            observations: as recorded, [K, B, N, O].
-            actions: of the right shape, [K, B, N, A].
-        """
+        """Returns mean and deviation, at least the floor, both shaped as actions [K, B, N, A]."""
         outputs = self.network(self._actor.inputs(observations))
         mean, log_std = self._outputs(outputs, actions)
         return mean, log_std.exp().clamp(min=self._floor)
@@ -196,8 +167,5 @@ class BehaviorDensity(Descent):
 
 def _doubled(network: StackedMLP | StackedSets) -> StackedMLP | StackedSets:
     """Makes networks of the same kind and sizes with twice as many outputs."""
-    n_outputs, n_networks = 2 * network.shape.outputs, len(network.flat)
-    device = network.flat.device
-    if isinstance(network, StackedSets):
-        return StackedSets(replace(network.shape, outputs=n_outputs), n_networks, device)
-    return StackedMLP(replace(network.shape, outputs=n_outputs), n_networks, device)
+    shape: Any = replace(network.shape, outputs=2 * network.shape.outputs)
+    return type(network)(shape, len(network.flat), network.flat.device)

@@ -5,15 +5,11 @@
 
     with compiling() as compilation:
         algorithm.update(batch)
-    print(compilation)  # compiled 3 graphs in 21 s
 
-Outside `compiling` such a function runs as it is written. Inside, torch.compile makes one graph of
-it, with its backward pass, for each new combination of shapes and constants; this needs a C++
-compiler. The operations between two matrix products then read and write memory once. Results agree
-within rounding.
-
-A function may be compilable if it draws no random numbers and changes nothing but gradients. Its
-arguments that are not tensors, and the attributes it reads, may take only a few values.
+Inside `compiling`, torch.compile makes one graph of such a function, with its backward pass, for
+each new combination of shapes and constants; results agree within rounding. A function may be
+compilable if it draws no random numbers and changes nothing but gradients. Its arguments that are
+not tensors, and the attributes it reads, may take only a few values.
 """
 
 import time

@@ -1,17 +1,13 @@
 """Critics: the values of joint actions that K seeds learn, with slowly moving targets.
 
 A critic is a network of x = (state, all observations) and the actions of all agents (Lowe et al.
-2017, eq. 6). Each seed has J of them, usually two (Fujimoto et al. 2018, section 4.2), which begin
-with parameters of their own.
+2017, eq. 6). Each seed has J of them, usually two (Fujimoto et al. 2018, section 4.2).
 
-`RobotCritics` give one value for each robot: one network serves all robots of a seed, so the N
-values of Lowe et al. 2017 (equation 6) are N rows of it. Critics that are `decentralized` see
-(o_i, i, a_i), `centralized` ones (o_i, i, s, a_i, a_i+1, ..., a_i-1), numbers modulo N (o_i and the
-state for the paper's x). Everything is in robot i's frame: the policies' observations and actions
-are each in the frame of their own robot, so the actions of the others are turned into robot i's,
-and the planar vectors of the state, positions included, are turned about the middle of the arena.
-The robots of the state come in the same order as the actions, robot i first. Without a frame
-(recordings of other environments) everything is in the world's.
+The N values of `RobotCritics` are N rows of one network. `decentralized` critics see (o_i, i, a_i),
+`centralized` ones (o_i, i, s, a_i, a_i+1, ..., a_i-1), numbers modulo N. Everything is turned into
+robot i's frame: the actions of the others from theirs, and the planar vectors of the state,
+positions included, about the middle of the arena. The robots of the state come in the order of the
+actions, robot i first. Without a frame (recordings of other environments) nothing is turned.
 """
 
 from collections.abc import Sequence
@@ -55,10 +51,7 @@ class CriticOptions(TypedDict, total=False):
 class CriticEnsemble(Descent):
     """J perceptrons of each of K seeds with one output, their slow copies, and their optimizer.
 
-    Args:
-        n_inputs: features that a critic sees, actions included.
-        hidden: sizes of the hidden layers, which have LayerNorm.
-        **options: the rest.
+    `n_inputs` are the features that a critic sees, actions included; hidden layers have LayerNorm.
     """
 
     def __init__(
@@ -83,9 +76,8 @@ class CriticEnsemble(Descent):
     def smallest_of(self, x: Tensor, varied: Tensor) -> Tensor:
         """Returns the smallest of the J values of M actions in each row, [K, B, M]; constants.
 
-        Args:
-            x: critic inputs besides actions, [K, B, F].
-            varied: actions as critics see them, [K, B, M, D].
+        `x` are critic inputs besides actions, [K, B, F], `varied` actions as critics see them, [K,
+        B, M, D].
         """
         shared, branches = (t.repeat_interleave(self.n_critics, 0) for t in (x, varied))
         values = mlp_of_branches(self.online.constants(), shared, branches)[..., 0]
@@ -93,15 +85,10 @@ class CriticEnsemble(Descent):
 
 
 class Critics(CriticEnsemble):
-    """Critics that give one value of a joint action."""
+    """Critics of x, [K, B, S + N O], and joint actions, [K, B, N, A], that give one value."""
 
     def q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' values, [K, J, B, 1].
-
-        Args:
-            x: critic inputs besides actions, `information`, [K, B, S + N O].
-            actions: joint actions, [K, B, N, A].
-        """
+        """Returns all critics' values, [K, J, B, 1]."""
         return self._values(self.online, x, actions)
 
     def target_q(self, x: Tensor, actions: Tensor) -> Tensor:
@@ -114,31 +101,18 @@ class Critics(CriticEnsemble):
         return values.view(-1, self.n_critics, *values.shape[1:])
 
     def sampled_q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' values of M joint actions in each row, [K, J, B, M, 1].
-
-        Args:
-            x: critic inputs besides actions, [K, B, S + N O].
-            actions: [K, B, M, N, A].
-        """
+        """Returns all critics' values, [K, J, B, M, 1], of M joint actions, [K, B, M, N, A]."""
         shared, varied = (t.repeat_interleave(self.n_critics, 0) for t in (x, actions.flatten(3)))
         values = mlp_of_branches(self.online.layers, shared, varied)
         return values.view(-1, self.n_critics, *values.shape[1:])
 
     def first_q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns the first critics' values, [K, B, 1], with the critics' parameters as constants.
-
-        Args:
-            x: critic inputs besides actions, [K, B, S + N O].
-            actions: joint actions, [K, B, N, A].
-        """
+        """Returns the first critics' values, [K, B, 1]; the critics' parameters are constants."""
         joint = torch.cat([x, actions.flatten(2)], 2)
         return self.online.frozen(joint, every=self.n_critics)
 
     def first_sampled_q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns the first critics' values of M joint actions in each row, [K, B, M, 1].
-
-        The critics' parameters are constants, as in `first_q`; arguments as in `sampled_q`.
-        """
+        """Returns the first critics' values, [K, B, M, 1], as constants, of [K, B, M, N, A]."""
         return mlp_of_branches(self.online.constants(self.n_critics), x, actions.flatten(3))
 
 
@@ -173,18 +147,10 @@ class RobotView:
 
 
 class RobotViews:
-    """Makes views of batches for critics of one kind.
-
-    Args:
-        critic: whether critics see the team.
-    """
+    """Makes views of batches for critics of one kind."""
 
     def __init__(
-        self,
-        sizes: Sizes,
-        normalizer: InputNormalizer,
-        critic: Critic,
-        device: torch.device | str,
+        self, sizes: Sizes, normalizer: InputNormalizer, critic: Critic, device: torch.device | str
     ) -> None:
         n = sizes.n_agents
         self._sizes, self._normalizer, self.critic = sizes, normalizer, critic
@@ -215,12 +181,7 @@ class RobotViews:
         return self._sizes.action * (self._sizes.n_agents if self.critic == "centralized" else 1)
 
     def view(self, states: Tensor, observations: Tensor) -> RobotView:
-        """Returns the view of a batch.
-
-        Args:
-            states: as recorded, [K, B, S].
-            observations: in the robots' frames, not normalized, [K, B, N, O].
-        """
+        """Returns the view of states as recorded, [K, B, S], and observations in robots' frames."""
         own = with_agent_id(self._normalizer.observations(observations))
         if self.critic == "decentralized":
             return RobotView(own)
@@ -239,10 +200,8 @@ class RobotViews:
     def actions(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
         """Returns actions as the critics see them, by network row, [K, B N, A] or [K, B N, N A].
 
-        Args:
-            view: of the batch.
-            own: each robot's action in its own frame, [K, B, N, A].
-            others: the actions that the others take meanwhile, likewise; `own` for a joint action.
+        `own` are the robots' actions in their frames, [K, B, N, A], `others` those that the others
+        take meanwhile, likewise; `own` again for a joint action.
         """
         if self.critic == "decentralized":
             return own.flatten(1, 2)
@@ -271,11 +230,8 @@ class RobotViews:
 class RobotCritics(CriticEnsemble):
     """Values of joint actions for each robot, [K, J, B, N], with slow copies and an optimizer.
 
-    Args:
-        critic: `centralized` critics see the state and all actions, `decentralized` ones their
-            robot's observation and action.
-        hidden: sizes of the hidden layers, which have LayerNorm.
-        **options: the rest.
+    Robots' actions `own` and those that the others take meanwhile are [K, B, N, A], both the same
+    for a joint action. Hidden layers have LayerNorm.
     """
 
     def __init__(
@@ -292,44 +248,26 @@ class RobotCritics(CriticEnsemble):
         self.critic, self.n_features, self.view = critic, views.n_features, views.view
 
     def q(self, view: RobotView, actions: Tensor) -> Tensor:
-        """Returns all critics' values of joint actions [K, B, N, A], [K, J, B, N]."""
+        """Returns all critics' values of joint actions, [K, J, B, N]."""
         return self._values(self.online, view, actions)
 
     def target_q(self, view: RobotView, actions: Tensor, others: Tensor | None = None) -> Tensor:
-        """Returns the values that the slow copies give, as `q`.
-
-        Args:
-            view: of the batch.
-            actions: of the robots, [K, B, N, A].
-            others: the actions that each robot's value supposes of the others; None: `actions`.
-        """
+        """Returns the values of the slow copies, as `q`; without `others`, of a joint action."""
         return self._values(self.target, view, actions, others)
 
     def first_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
-        """Returns the first critics' values, [K, B, N], with their parameters as constants.
-
-        Args:
-            view: of the batch.
-            own: each robot's action, [K, B, N, A].
-            others: the actions that the others take meanwhile; `own` for a joint action.
-        """
+        """Returns the first critics' values, [K, B, N], with their parameters as constants."""
         seen = self._views.actions(view, own, others)
         layers = self.online.constants(self.n_critics)
         return mlp_of_branches(layers, view.rows, seen[:, :, None]).view(own.shape[:3])
 
     def smallest_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
-        """Returns the smallest of the J values, [K, B, N]; constants and arguments as `first_q`."""
+        """Returns the smallest of the J values, [K, B, N], with parameters as constants."""
         seen = self._views.actions(view, own, others)
         return self.smallest_of(view.rows, seen[:, :, None]).view(own.shape[:3])
 
     def sampled_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
-        """Returns all critics' values of M actions of each robot, [K, J, B, N, M].
-
-        Args:
-            view: of the batch.
-            own: each robot's actions, of which it takes one, [K, B, M, N, A].
-            others: the actions that the others take meanwhile, likewise; `own` for joint actions.
-        """
+        """Returns all critics' values, [K, J, B, N, M], of M actions a robot, [K, B, M, N, A]."""
         pairs = zip(own.unbind(2), others.unbind(2), strict=True)
         seen = torch.stack([self._views.actions(view, *pair) for pair in pairs], 2)
         shared, varied = (t.repeat_interleave(self.n_critics, 0) for t in (view.rows, seen))
@@ -337,12 +275,9 @@ class RobotCritics(CriticEnsemble):
         return values.view(-1, self.n_critics, *own.shape[1:2], *own.shape[3:1:-1])
 
     def candidate_q(self, view: RobotView, candidates: Tensor, others: Tensor) -> Tensor:
-        """Returns the smallest value of M actions of each robot, [K, B, N, M], as constants.
+        """Returns the smallest values, [K, B, N, M], as constants, of M actions of each robot.
 
-        Args:
-            view: of the batch.
-            candidates: each robot's actions, of which it takes one, [K, B, N, M, A].
-            others: the actions that the others take meanwhile, [K, B, N, A].
+        `candidates` are [K, B, N, M, A], of which a robot takes one; `others` stay, [K, B, N, A].
         """
         n_candidates = candidates.shape[3]
         seen = [self._views.actions(view, own, others) for own in candidates.unbind(3)]

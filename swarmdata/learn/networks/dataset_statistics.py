@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,18 +29,10 @@ class Episodes(Protocol):
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]: ...  # of each episode
 
 
-@runtime_checkable
-class Weighted(Protocol):
-    """Episodes that may count more or less than others."""
-
-    def step_weights(self) -> Double | None:
-        """Returns the weight of each step of every episode, [n]; None: all count alike."""
-        ...
-
-
 def step_weights(episodes: Episodes) -> Double | None:
     """Returns the weight of each step of every episode, [n]; None where all count alike."""
-    return episodes.step_weights() if isinstance(episodes, Weighted) else None
+    weights = getattr(episodes, "step_weights", None)  # of a mixture
+    return None if weights is None else weights()
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,11 +56,9 @@ class Statistics:
 
     @classmethod
     def measure(cls, episodes: Episodes, discount: float) -> "Statistics":
-        """Reads every state and reward of a dataset once, in float64.
+        """Reads every state and reward of a dataset, usually its train split, once, in float64.
 
-        Args:
-            episodes: the dataset, usually its train split; steps of a mixture have weights.
-            discount: factor per step of the returns-to-go.
+        `discount` is the factor per step of the returns-to-go; steps of a mixture have weights.
 
         Raises:
             SchemaError: there are no episodes.
@@ -86,10 +76,7 @@ class Statistics:
         if not returns:
             raise SchemaError("there are no episodes to measure; widen the filter of the dataset")
         mean = total / n_rows
-        own_returns, own_totals = (
-            np.concatenate(returns),
-            np.stack(totals),
-        )  # [steps or episodes, N]
+        own_returns, own_totals = np.concatenate(returns), np.stack(totals)  # [n, N]
         team_returns = own_returns.mean(axis=1)
         each = None if weights is None else np.repeat(weights, [len(g) for g in returns])
         return cls(
@@ -116,12 +103,7 @@ def _deviation(values: Double, weights: Double | None) -> float:
 
 
 def returns_to_go(rewards: Double | Sequence[float], discount: float) -> Double:
-    """Returns G_t = r_t + discount * G_{t+1} of one episode, with G = 0 after its end.
-
-    Args:
-        rewards: of the team, [T], or of each robot, [T, N]; the result has the same shape.
-        discount: factor per step.
-    """
+    """Returns G_t = r_t + discount * G_{t+1} of rewards of one episode, [T] or [T, N]; likewise."""
     result = np.empty(np.shape(rewards))
     following: Double | float = 0.0
     for t in range(len(rewards) - 1, -1, -1):

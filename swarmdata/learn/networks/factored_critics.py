@@ -3,8 +3,7 @@
     Q_tot(s, o, a) = g(Q_1(o_1, a_1), ..., Q_N(o_N, a_N); x)
 
 (Peng et al. 2021, equation 4.) The agents share one network Q, which sees their number; the mixer g
-is one of `learn.networks.mixers` and sees x = (state, all observations), for the reason
-that `network_inputs.information` gives.
+sees x = (state, all observations), for the reason that `network_inputs.information` gives.
 """
 
 from functools import partial
@@ -13,7 +12,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.actor import CRITIC_STREAM
-from swarmdata.learn.networks.mixers import Mixer
+from swarmdata.learn.networks.mixers import Mixer, Network
 from swarmdata.learn.networks.network_inputs import information, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
@@ -26,11 +25,8 @@ VALUE_STREAM = 3
 class FactoredCritics(Descent):
     """J factored critics of each of K seeds, their targets, and their optimizers.
 
-    Args:
-        hidden: sizes of the hidden layers of Q_i, which have LayerNorm.
-        mixer: of K J networks, rows as `utilities` has them.
-        max_norm: of the gradient of one seed's Q_i, and of its mixers; None does not clip.
-        n_critics: J.
+    States [K, B, S] and observations [K, B, N, O] are normalized, actions [K, B, N, A]. The mixer
+    has K J networks, rows as `utilities`; `max_norm` is of one seed's Q_i, and of its mixers.
     """
 
     def __init__(
@@ -57,13 +53,7 @@ class FactoredCritics(Descent):
         self.target_mixer: StackedMLP | None = self.targets.get("mixer")  # if it learns
 
     def q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' Q_tot, [K, J, B].
-
-        Args:
-            states: normalized, [K, B, S].
-            observations: normalized, [K, B, N, O].
-            actions: joint actions, [K, B, N, A].
-        """
+        """Returns all critics' Q_tot, [K, J, B]."""
         x = information(states, observations).repeat_interleave(self.n_critics, 0)
         values = self.agent_values(observations, actions).flatten(0, 1)  # [K J, B, N]
         return self.mixer(values, x).view(-1, self.n_critics, x.shape[1])
@@ -75,30 +65,15 @@ class FactoredCritics(Descent):
         return self.mixer(values, x, self.target_mixer).view(-1, self.n_critics, x.shape[1])
 
     def agent_values(
-        self, observations: Tensor, actions: Tensor, network: StackedMLP | None = None
+        self, observations: Tensor, actions: Tensor, network: Network | None = None
     ) -> Tensor:
-        """Returns Q_i of every agent, [K, J, B, N].
-
-        Args:
-            observations: normalized, [K, B, N, O].
-            actions: joint actions, [K, B, N, A].
-            network: other parameters to use, those of the slow copies.
-        """
+        """Returns Q_i of every agent, [K, J, B, N], by the utilities or others."""
         inputs = _inputs(observations, actions).repeat_interleave(self.n_critics, 0)
         values = (network or self.utilities)(inputs)
         return values.view(-1, self.n_critics, *actions.shape[1:3])
 
     def policy_values(self, states: Tensor, observations: Tensor, pi: Tensor) -> Tensor:
-        """Returns the first critics' Q_tot of the policies' joint actions, [K, B].
-
-        Parameters of Q_i and of the mixer are constants here: the policies' loss must not move
-        them.
-
-        Args:
-            states: normalized, [K, B, S].
-            observations: normalized, [K, B, N, O].
-            pi: actions of the policies, [K, B, N, A].
-        """
+        """Returns the first critics' Q_tot, [K, B]; all parameters are constants."""
         every = self.n_critics
         values = self.utilities.frozen(_inputs(observations, pi), every).view(pi.shape[:3])
         known = self.mixer.network
@@ -106,19 +81,14 @@ class FactoredCritics(Descent):
         return self.mixer(values, information(states, observations), mixer)
 
     def smallest_q(self, states: Tensor, observations: Tensor, pi: Tensor) -> Tensor:
-        """Returns the smallest of the J values, [K, B]; constants and arguments as above."""
+        """Returns the smallest of the J values, [K, B]; all parameters are constants."""
         x = information(states, observations).repeat_interleave(self.n_critics, 0)
-        values = self._frozen_values(observations, pi).flatten(0, 1)  # [K J, B, N]
+        values = self.agent_values(observations, pi, self.utilities.frozen).flatten(0, 1)
         return self._frozen_mix(values, x).view(-1, self.n_critics, x.shape[1]).amin(1)
 
     def own_values(self, observations: Tensor, pi: Tensor) -> Tensor:
-        """Returns the smallest of the J values of each agent, [K, B, N]; constants as above.
-
-        Args:
-            observations: normalized, [K, B, N, O].
-            pi: actions of the policies, [K, B, N, A].
-        """
-        return self._frozen_values(observations, pi).amin(1)
+        """Returns the smallest of the J values of each agent, [K, B, N]; constants as above."""
+        return self.agent_values(observations, pi, self.utilities.frozen).amin(1)
 
     @torch.no_grad()
     def candidate_q(
@@ -126,18 +96,15 @@ class FactoredCritics(Descent):
     ) -> Tensor:
         """Returns the smallest value if one robot alone leaves the data, [K, B, N, M].
 
-        Args:
-            states: normalized, [K, B, S].
-            observations: normalized, [K, B, N, O].
-            candidates: M actions of each robot, of which it takes one, [K, B, N, M, A].
-            actions: of the data, [K, B, N, A].
+        `candidates` are [K, B, N, M, A], of which a robot takes one; `actions` are the data's.
         """
         n_agents, n_candidates = candidates.shape[2:4]
         x = information(states, observations).repeat_interleave(self.n_critics, 0)
         x = x.repeat_interleave(n_candidates, 1)  # [K J, B M, S + N O]
-        taken = self._frozen_values(observations, actions).flatten(0, 1)  # [K J, B, N]
+        frozen = self.utilities.frozen
+        taken = self.agent_values(observations, actions, frozen).flatten(0, 1)  # [K J, B, N]
         taken = taken.repeat_interleave(n_candidates, 1)  # [K J, B M, N]
-        others = [self._frozen_values(observations, each) for each in candidates.unbind(3)]
+        others = [self.agent_values(observations, a, frozen) for a in candidates.unbind(3)]
         varied = torch.stack(others, 3).flatten(0, 1).flatten(1, 2)  # [K J, B M, N]
         results = []
         for robot in range(n_agents):
@@ -146,11 +113,6 @@ class FactoredCritics(Descent):
             values = self._frozen_mix(mixed, x)  # [K J, B M]
             results.append(values.view(-1, self.n_critics, len(actions[0]), n_candidates).amin(1))
         return torch.stack(results, 2)
-
-    def _frozen_values(self, observations: Tensor, actions: Tensor) -> Tensor:
-        """Q_i of every robot, [K, J, B, N], with parameters as constants."""
-        inputs = _inputs(observations, actions).repeat_interleave(self.n_critics, 0)
-        return self.utilities.frozen(inputs).view(-1, self.n_critics, *actions.shape[1:3])
 
     def _frozen_mix(self, values: Tensor, x: Tensor) -> Tensor:
         """Q_tot of all critics, [K J, B], with parameters as constants."""

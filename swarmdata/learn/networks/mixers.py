@@ -25,21 +25,12 @@ class Mixer(Protocol):
     def network(self) -> StackedMLP | None: ...
 
     def __call__(self, values: Tensor, states: Tensor, network: Network | None = None) -> Tensor:
-        """Returns team values, [K, B].
-
-        Args:
-            values: of the robots, [K, B, N].
-            states: normalized, [K, B, S].
-            network: other parameters to use, those of the target mixer.
-        """
+        """Returns team values, [K, B], of the robots' [K, B, N] and normalized states [K, B, S]."""
         ...
 
 
 class MeanMixer:
-    """VDN (Sunehag et al. 2018, section 3), with the mean for the sum.
-
-    Rewards of a team are means over robots, so values keep their scale in teams of any size.
-    """
+    """VDN (Sunehag et al. 2018, section 3), with the mean for the sum: team rewards are means."""
 
     network: StackedMLP | None = None
 
@@ -54,8 +45,7 @@ class HyperMixer:
 
     Monotonic mixers are those of QMIX (Rashid et al. 2018, section 4.1 and figure 2): u is |.|.
     The others are FACMAC's nonmonotonic factorization (Peng et al. 2021, section 3.1), in which u
-    changes nothing and a robot's rise may lower the team's value: actors need no greedy choice of
-    the critic, so nothing asks for monotonicity.
+    changes nothing: actors need no greedy choice of the critic.
 
     W_1, b_1, w_2 and v are outputs of one perceptron of the state with a hidden layer. (In QMIX's
     paper they are separate networks, and only v has a hidden layer.) The values enter with the
@@ -67,8 +57,7 @@ class HyperMixer:
         stream: separates the draws of different networks of one seed.
         embedding: width of the mixing network's hidden layer, M.
         hidden: width of the hypernetwork's hidden layer.
-        n_critics: mixers of each seed, J, which are neighbors; K is then J times the number of
-            seeds.
+        n_critics: mixers of each seed, J, which are neighbors; K is J times the seeds when called.
         is_monotonic: whether u is |.|.
     """
 
@@ -107,24 +96,13 @@ MIXER_STREAM = 2
 """Stream of a seed's initial parameters, beside those of `learn.networks.actor`."""
 
 
-class MixerConfig(Protocol):
-    """Settings of a mixer and of the network that makes its weights."""
-
-    @property
-    def mixer(self) -> MixerKind: ...
-    @property
-    def mixer_embedding(self) -> int: ...
-    @property
-    def mixer_hidden(self) -> int: ...
-
-
-def chosen_mixer(config: MixerConfig, setup: Setup) -> Mixer:
+def chosen_mixer(setup: Setup, kind: MixerKind, embedding: int, hidden: int) -> Mixer:
     """Makes the mixers of two critics of each seed, by the state and all observations."""
-    is_monotonic = {"mean": None, "monotonic": True, "free": False}[config.mixer]
+    is_monotonic = {"mean": None, "monotonic": True, "free": False}[kind]
     return MeanMixer() if is_monotonic is None else HyperMixer(
         setup.sizes.n_agents, setup.sizes.information, setup.seeds, MIXER_STREAM,
-        embedding=config.mixer_embedding, hidden=config.mixer_hidden, device=setup.device,
-        n_critics=2, is_monotonic=is_monotonic,
+        embedding=embedding, hidden=hidden, device=setup.device, n_critics=2,
+        is_monotonic=is_monotonic,
     )  # fmt: skip
 
 
@@ -133,12 +111,8 @@ class LinearMixer:
 
         Q_tot = sum_i w_i(s) Q_i + b(s)        w_i(s) = |1 + h_i(s)| / N
 
-    h and b are outputs of one perceptron of s = (state, all observations). (In the code
-    w_i = |h_i|; the 1 / N lets a fresh mixer take the mean, so that values have the scale of the
-    team's.)
-
-    Args:
-        hidden: width of the perceptron's hidden layer.
+    h and b are outputs of one perceptron of s = (state, all observations) with one hidden layer. In
+    the code w_i = |h_i|; with 1 / N a fresh mixer takes the mean.
     """
 
     def __init__(self, setup: Setup, hidden: int) -> None:

@@ -18,12 +18,7 @@ def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
 
 
 class Standardization:
-    """Centers features and divides them by their deviation, in training and when acting.
-
-    Args:
-        mean: of the features, [F].
-        std: likewise.
-    """
+    """Centers features [F] and divides them by their deviation, in training and when acting."""
 
     def __init__(self, mean: Double, std: Double, device: torch.device | str) -> None:
         self.mean = torch.tensor(mean, dtype=torch.float64)  # for policies, float64 [F] on the CPU
@@ -49,14 +44,10 @@ def with_agent_id(features: Tensor) -> Tensor:
 
 
 def information(states: Tensor, observations: Tensor) -> Tensor:
-    """Returns critic inputs besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
+    """Returns critic inputs besides actions, normalized: x = (s, o_1, ..., o_N), [K, B, S + N O].
 
     The state alone does not say where the obstacles are, so a critic of it cannot tell a free way
     from a blocked one.
-
-    Args:
-        states: normalized, [K, B, S].
-        observations: normalized, [K, B, N, O].
     """
     return torch.cat([states, observations.flatten(2)], 2)
 
@@ -64,12 +55,9 @@ def information(states: Tensor, observations: Tensor) -> Tensor:
 def generators(
     seeds: Sequence[int], device: torch.device | str, stream: int | None = None
 ) -> list[torch.Generator]:
-    """Returns one generator per seed on `device`, for noise that does not depend on K.
+    """Returns one generator for each seed on `device`, for noise that does not depend on K.
 
-    Args:
-        seeds: of the runs, [K].
-        device: where numbers are drawn.
-        stream: separates the purposes for which one seed draws; None seeds with the run's own seed.
+    `stream` separates the purposes for which a seed draws; None seeds with the run's own seed.
     """
     derived = seeds if stream is None else [int(derive(seed, stream)[0]) >> 1 for seed in seeds]
     return [torch.Generator(device).manual_seed(seed) for seed in derived]
@@ -93,11 +81,7 @@ def generator_states(generators: Sequence[torch.Generator]) -> Tensor:
 
 
 def restore_generators(generators: Sequence[torch.Generator], states: Tensor) -> None:
-    """Restores what `generator_states` returned.
-
-    Raises:
-        ValueError: there are more or fewer states than generators.
-    """
+    """Restores what `generator_states` returned; as many generators as states."""
     for generator, state in zip(generators, states, strict=True):
         generator.set_state(state.cpu().clone())
 
@@ -122,15 +106,10 @@ Reward = Literal["own", "team"]
 
 
 class RobotRewards:
-    """Makes the scaled rewards that critics of each robot learn from.
+    """Makes the scaled rewards that critics of each robot learn from, own or the team's mean.
 
     A mean over N robots spreads what one of them caused over all: its share falls with 1 / N, and
-    the rewards of the others are noise. Own rewards are for tasks in which robots are rewarded for
-    what they do themselves.
-
-    Args:
-        reward: whose.
-        clip_target: whether R* bounds values.
+    the rewards of the others are noise.
     """
 
     def __init__(

@@ -12,15 +12,12 @@ from swarmdata.learn.networks.perceptrons import StackedLayers, backward, move_t
 
 
 class StackedAdam:
-    """Adam (Kingma & Ba 2015) on the one buffer of stacked networks.
+    """Adam (Kingma & Ba 2015) on the one buffer of stacked networks, rows grouped by seed.
 
-    Adam works element by element, so the seeds do not see each other, and rounds all elements
-    alike (`StackedLayers.padded`). This calls the function behind `torch.optim.Adam`: an object of
-    that class imports torch's graph compiler, which takes seconds.
-
-    Args:
-        network: what to train; its rows are grouped by seed.
-        max_norm: largest norm of one seed's gradient; None does not clip.
+    Adam works element by element, so the seeds do not see each other, and rounds all elements alike
+    (`StackedLayers.padded`). This calls the function behind `torch.optim.Adam`: an object of that
+    class imports torch's graph compiler, which takes seconds. `max_norm` is the largest norm of one
+    seed's gradient; None does not clip.
     """
 
     def __init__(
@@ -37,12 +34,7 @@ class StackedAdam:
         self._state = self._fresh()
 
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
-        """Descends one step on the sum over seeds of a loss.
-
-        Args:
-            loss: one value per seed, [K].
-            scale: factor on the learning rate, for schedules.
-        """
+        """Descends on the sum over seeds of a loss [K], at `scale` times the learning rate."""
         self.network.backward(loss.sum())
         self.descend(scale)
 
@@ -83,16 +75,7 @@ class StackedAdam:
 
 
 def clip_per_seed(gradient: Tensor, n_seeds: int, max_norm: float) -> Tensor:
-    """Scales each seed's gradient down to a norm of at most `max_norm`, in place.
-
-    Args:
-        gradient: rows grouped by seed, [R, P].
-        n_seeds: number of groups, K.
-        max_norm: largest norm over all rows of one seed.
-
-    Returns:
-        The norms before clipping, [K].
-    """
+    """Scales gradients [R, P], rows grouped by seed, to `max_norm` at most; returns norms, [K]."""
     grouped = gradient.view(n_seeds, -1)
     norms: Tensor = torch.linalg.vector_norm(grouped, dim=1)
     grouped.mul_((max_norm / (norms + 1e-6)).clamp(max=1.0)[:, None])
@@ -100,22 +83,14 @@ def clip_per_seed(gradient: Tensor, n_seeds: int, max_norm: float) -> Tensor:
 
 
 def linear(progress: float, floor: float = 0.0) -> float:
-    """Returns the factor of a linear decay from 1 to `floor`.
-
-    Args:
-        progress: part that is done, 0 to 1; it stays at `floor` beyond.
-        floor: factor at the end.
-    """
+    """Returns the factor of a linear decay from 1 to `floor`, at a progress of 0 to 1 or more."""
     return 1 + (floor - 1) * min(progress, 1.0)
 
 
 def cosine(update: int, n_updates: int, floor: float = 0.0) -> float:
     """Returns the factor of a cosine decay (Loshchilov & Hutter 2017, eq. 5, without restarts).
 
-    Args:
-        update: updates made before this one, 0 to `n_updates`; it stays at `floor` beyond.
-        n_updates: length of the decay.
-        floor: factor at the end.
+    It is that after `update` of `n_updates` updates, and stays at `floor` beyond.
     """
     progress = min(update / n_updates, 1.0)
     return floor + (1 - floor) * 0.5 * (1 + math.cos(math.pi * progress))
@@ -154,12 +129,7 @@ class Descent:
         }
 
     def step(self, loss: Tensor, scale: float = 1.0) -> None:
-        """Descends one step on the sum over seeds of a loss, in which every network has a part.
-
-        Args:
-            loss: one value per seed, [K].
-            scale: factor on the learning rate, for schedules.
-        """
+        """Descends on the sum over seeds of a loss [K] in which every network has a part."""
         self.backward(loss)
         self.descend(scale)
 

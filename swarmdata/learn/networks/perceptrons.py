@@ -50,20 +50,16 @@ class MLPShape:
         for index, (n_in, n_out) in enumerate(pairwise(sizes)):
             yield n_in, n_out, self.layer_norm and index < len(self.hidden)
 
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        return sum(i * o + o + 2 * o * has_norm for i, o, has_norm in self.layers())
-
 
 class Shape(Protocol):
     """Sizes of the layers of a kind of network."""
 
-    @property
-    def outputs(self) -> int: ...
-    @property
-    def n_parameters(self) -> int: ...  # of one network, P
     def layers(self) -> Iterator[tuple[int, int, bool]]: ...  # as `MLPShape.layers`
+
+
+def n_parameters(shape: Shape) -> int:
+    """Returns the parameters of one network, P."""
+    return sum(i * o + o + 2 * o * has_norm for i, o, has_norm in shape.layers())
 
 
 LINE = 16
@@ -87,7 +83,7 @@ class StackedLayers:
 
     def __init__(self, shape: Shape, n_networks: int, device: torch.device | str) -> None:
         self.shape = shape
-        size = (n_networks, shape.n_parameters)
+        size = (n_networks, n_parameters(shape))
         # Adam(fused=True) ignores the strides of gradients on the CPU, so the gradient is one
         # contiguous buffer, which `backward` fills. It rounds what is left after the last whole
         # vector otherwise, so that buffers end with a cache line, whatever the number of networks.
@@ -167,12 +163,7 @@ class StackedMLP(StackedLayers):
         return mlp(self.layers, inputs)
 
     def frozen(self, inputs: Tensor, every: int = 1) -> Tensor:
-        """Returns outputs that are differentiable in the inputs only: the weights are constants.
-
-        Args:
-            inputs: [R / every, B, inputs].
-            every: uses each `every`-th network only, from the first.
-        """
+        """Returns outputs of each `every`-th network, its weights being constants."""
         return mlp(self.constants(every), inputs)
 
 
@@ -209,12 +200,8 @@ def mlp(layers: Sequence[Layer], inputs: Tensor) -> Tensor:
 def mlp_of_branches(layers: Sequence[Layer], shared: Tensor, varied: Tensor) -> Tensor:
     """Returns the outputs, [R, B, M, outputs], of networks on M inputs that begin alike in a row.
 
-    The first layer is linear, so that its product with what is shared is made once, not M times.
-
-    Args:
-        layers: of R networks with at least one hidden layer.
-        shared: first part of the inputs, [R, B, inputs - D].
-        varied: the rest, [R, B, M, D].
+    The first layer is linear: its product with what is `shared`, [R, B, inputs - D], is made once,
+    not M times; the rest is `varied`, [R, B, M, D]. There is a hidden layer at least.
     """
     first, n_shared, n_branches = layers[0], shared.shape[2], varied.shape[2]
     common = affine(shared, first.weight[:, :n_shared], first.bias)
@@ -224,11 +211,9 @@ def mlp_of_branches(layers: Sequence[Layer], shared: Tensor, varied: Tensor) -> 
 
 
 def mlp_of_products(layers: Sequence[Layer], products: Tensor) -> Tensor:
-    """Returns the outputs, [R, B, outputs], of networks whose first product was made before.
+    """Returns the outputs, [R, B, outputs], of networks with a hidden layer at least.
 
-    Args:
-        layers: of R networks with at least one hidden layer.
-        products: inputs times the first layer's weight, plus its bias, [R, B, H]; overwritten.
+    `products` are inputs times the first layer's weight, plus its bias, [R, B, H]; overwritten.
     """
     return mlp(layers[1:], _activate(layers[0], products))
 

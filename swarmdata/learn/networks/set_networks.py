@@ -5,11 +5,8 @@ Deep sets (Zaheer et al. 2017, theorem 2), with the robot's own features o besid
     e_k = max over x in X_k of relu(phi_k(o, x)); 0 if X_k is empty
     f(o, X_1, ..., X_n) = rho(o, e_1, ..., e_n)
 
-The parameters know neither the number of robots nor that of slots. The order of slots does not
-change an answer, nor does what an empty slot holds.
-
 The pool is a maximum (Qi et al., "PointNet", 2017, eq. 1): a mean over more neighbors than in
-training hides the nearest one.
+training hides the nearest one. No parameter knows the number of robots or of slots.
 """
 
 from collections.abc import Iterator, Sequence
@@ -33,8 +30,8 @@ from swarmdata.perception.feature_slots import SlotKind, Slots
 class SetShape:
     """Sizes of a network over sets: phi of each kind of slots, then rho.
 
-    phi has the first hidden layer's size inside and the last one's as its output; rho has all
-    hidden layers.
+    phi has the first hidden layer's size inside and the last one's as its output; rho all hidden
+    ones.
     """
 
     slots: Slots
@@ -54,11 +51,6 @@ class SetShape:
         """Yields inputs, outputs and presence of a LayerNorm, layer by layer."""
         return chain.from_iterable(part.layers() for part in self.perceptrons)
 
-    @property
-    def n_parameters(self) -> int:
-        """Parameters of one network, P."""
-        return sum(part.n_parameters for part in self.perceptrons)
-
 
 class StackedSets(StackedLayers):
     """R independent networks over sets, trained and evaluated together."""
@@ -71,12 +63,10 @@ class StackedSets(StackedLayers):
 
 
 def over_sets(shape: SetShape, layers: Sequence[Layer], inputs: Tensor) -> Tensor:
-    """Returns the outputs of R networks, [R, B, outputs].
+    """Returns the outputs, [R, B, outputs], of R networks: layers of all phi, then of rho.
 
-    Args:
-        shape: of the networks; its slots may be more or fewer than those of the training.
-        layers: of all phi, then of rho.
-        inputs: observations, normalized except for their masks, [R, B, O].
+    The shape's slots may be more or fewer than those of the training. `inputs` are observations,
+    normalized except for their masks, [R, B, O].
     """
     own = inputs[..., list(shape.slots.own_columns)]
     n_phi = len(shape.hidden[:1]) + 1  # layers of one phi

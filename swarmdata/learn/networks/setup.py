@@ -31,7 +31,6 @@ class Sizes:
     features: tuple[str, ...] = ()  # names, without what the frame adds; empty: unknown
 
     def __post_init__(self) -> None:
-        """Checks that every size is positive."""
         for name in ("n_agents", "observation", "action", "state"):
             if getattr(self, name) < 1:
                 raise SchemaError(f"{self}: {name} must be at least 1")
@@ -49,11 +48,7 @@ class Sizes:
 
 
 def check_device(device: str) -> None:
-    """Refuses a device that torch does not have here, before anything is loaded.
-
-    Raises:
-        SpecError: it does not.
-    """
+    """Refuses a device that torch does not have here, by a SpecError, before anything is loaded."""
     try:
         torch.empty(1, device=device)
     except (RuntimeError, AssertionError) as error:  # whichever torch raises, by its build

@@ -16,15 +16,9 @@ Parameters = Literal["shared", "separate"]
 class Team:
     """Maps what each robot sees to what it answers, for the teams of K seeds.
 
-    Args:
-        shape: of one network, its inputs without the robot's number.
-        n_agents: robots of a team, N.
-        seeds: of the initial parameters, [K].
-        stream: separates the draws of different networks of one seed.
-        parameters: `shared` networks see a one-hot robot number; of `separate` ones, rows are
-            seed 0 robot 0, seed 0 robot 1, ...
-        n_critics: teams of each seed, J, with parameters of their own, which are neighbors; K is
-            then J times the number of seeds below.
+    `shape` has inputs without the robot's number. `shared` networks see a one-hot one; of
+    `separate` ones, rows are seed 0 robot 0, seed 0 robot 1, ... Each seed may have J = `n_critics`
+    teams, which are neighbors; K is then J times the number of seeds.
     """
 
     def __init__(
@@ -47,22 +41,12 @@ class Team:
         initialize(self.network, seeds, stream)
 
     def __call__(self, features: Tensor, network: StackedMLP | None = None) -> Tensor:
-        """Returns outputs [K, B, N, outputs] of features [K, B, N, F].
-
-        Args:
-            features: normalized observations.
-            network: other parameters to use, such as those of the target networks.
-        """
+        """Returns outputs, [K, B, N, outputs], of normalized [K, B, N, F]; `network`: a copy."""
         outputs = (network or self.network)(to_rows(features, self.parameters))
         return from_rows(outputs, features.shape, self.parameters)
 
     def extract(self, index: int, n_critics: int = 1) -> list[Layer]:
-        """Returns a copy of the networks of seed number `index`, float64, on the CPU.
-
-        Args:
-            index: of the seed.
-            n_critics: teams of each seed, J.
-        """
+        """Returns a copy of the J teams of seed number `index`, float64, on the CPU."""
         n_rows = n_critics * self.n_rows
         return self.network.extract(index * n_rows, torch.float64, n_rows)
 
@@ -86,13 +70,7 @@ def by_network(values: Tensor, parameters: Parameters) -> Tensor:
 
 
 def from_rows(outputs: Tensor, shape: Sequence[int], parameters: Parameters) -> Tensor:
-    """Returns network outputs by robot, [K, B, N, outputs]; undoes `by_network`.
-
-    Args:
-        outputs: of networks, on rows of features.
-        shape: of these features, (K, B, N, F).
-        parameters: as in `to_rows`.
-    """
+    """Returns outputs by robot, [K, B, N, outputs]; undoes `by_network` of `shape` (K, B, N, F)."""
     k, b, n = shape[:3]
     if parameters == "shared":
         return outputs.view(k, b, n, -1)

@@ -32,13 +32,7 @@ class Samples(NamedTuple):
 def uniform_samples(
     generators: Sequence[torch.Generator], actions: Tensor, n_samples: int
 ) -> Samples:
-    """Returns actions drawn evenly from [-1, 1].
-
-    Args:
-        generators: one per seed, [K].
-        actions: of the right shape, [K, B, N, A].
-        n_samples: for each row, M.
-    """
+    """Returns M actions in each row drawn evenly from [-1, 1], shaped as actions [K, B, N, A]."""
     template = repeated(actions, n_samples)
     drawn = 2 * uniform_like(generators, template) - 1
     density = uniform_log_density(math.prod(actions.shape[2:]))
@@ -53,14 +47,7 @@ def uniform_log_density(width: int) -> float:
 def noisy_samples(
     generators: Sequence[torch.Generator], actions: Tensor, n_samples: int, deviation: float
 ) -> Samples:
-    """Returns actions near given ones; the density is that of the noise before it is clipped.
-
-    Args:
-        generators: one per seed, [K].
-        actions: where to sample, [K, B, N, A].
-        n_samples: for each row, M.
-        deviation: of the Gaussian noise in each component.
-    """
+    """Returns M actions in each row near [K, B, N, A]; the density is that of unclipped noise."""
     centers = repeated(actions, n_samples)
     noise = normal_like(generators, centers)
     log_density = -0.5 * noise.square() - math.log(deviation * math.sqrt(2 * math.pi))
@@ -76,10 +63,8 @@ def join_samples(parts: Sequence[Samples]) -> Samples:
 def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Tensor:
     """Returns tau log 1/M sum_m exp(Q_m / tau) / p_m of each critic's own values, [K, J, B].
 
-    Args:
-        values: of sampled actions, [K, J, B, M].
-        log_density: of the samples, log p, [K, B, M].
-        temperature: tau; small, it is nearly the largest value, large, the mean and a constant.
+    Values of sampled actions are [K, J, B, M], the log of their density [K, B, M]. A small
+    temperature gives nearly the largest value, a large one the mean and a constant.
     """
     weighted = values / temperature - log_density[:, None]
     return temperature * (weighted.logsumexp(-1) - math.log(values.shape[-1]))
@@ -94,14 +79,7 @@ def cql_gap(
     actions fall without end, and those of the data are dragged along (see `omar`). A row is not
     penalized further once the data's action is worth `limit` more than the soft maximum, as
     the threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq.
-    30).
-
-    Args:
-        log_density: of the sampled actions, [K, B, M].
-        values: what the critics give for them, [K, J, B, M].
-        q: what they give for the data's actions, [K, J, B].
-        temperature: tau of the soft maximum.
-        limit: of what the penalty enforces.
+    30). Values of samples are as of `soft_maximum`; `q` are those of the data's actions, [K, J, B].
     """
     gaps = soft_maximum(values, log_density, temperature) - q
     return gaps.clamp(min=-limit).mean(2)

@@ -1,8 +1,7 @@
 """Losses of critics and actors that algorithms share, as pure functions.
 
-`expectile_loss` is of implicit Q-learning (Kostrikov et al. 2022), `soft_value_loss` OMIGA's (Wang
-et al. 2023). Those of value decomposition are over choices: column d of a robot's action has C of
-them with utilities U_dk, and a recorded action a is a weight w_dk(a) of each (`Choices.weights`).
+Those of value decomposition are over choices: column d of a robot's action has C of them with
+utilities U_dk, and a recorded action a is a weight w_dk(a) of each (`Choices.weights`).
 
 Some extract a policy from a critic and a behavior density. With each robot's value Q_i(b)
 of its action b, the density beta of the data's actions given o_i, and an inverse temperature eta,
@@ -13,17 +12,14 @@ section 3):
 
 - `anchored`: max eta Q_i(pi) + log beta(pi | o_i) by the gradient of Q: it finds the mode of pi*.
   It is DDPG+BC in Park et al. 2024 ("Is value learning really the main bottleneck in offline RL?",
-  arXiv 2406.09329) with a density in place of the squared error, and with a bounded gradient of Q,
-  so that no action leaves the density's mean by more than eta times its variance times the bound.
+  arXiv 2406.09329) with a density in place of the squared error, and with a bounded gradient of Q.
 - `weighted`: min |pi - a_i|^2 over rows drawn in proportion to exp(eta (Q_i(a_i) - V_i)), V_i the
   mean of Q_i under beta (AWAC, Nair et al. 2020; CRR, Wang et al. 2020, its "exp", have these
-  weights as factors, as the published studies had). eta is less where few rows would count:
-  `objectives.weighted_rows`.
+  weights as factors). eta is less where few rows would count: `objectives.weighted_rows`.
 - `tilted`: min |pi - sum_m w_m b_m|^2 with w = softmax_m eta Q_i(b_m) and b_m drawn from beta: the
   mean of pi* (samples weighted as in SfBC, Chen et al. 2023, and IDQL, Hansen-Estruch et al. 2023).
 
-All are means over robots of terms of one robot: neither the pull of Q nor that of the data fades as
-a team grows.
+All are means over robots of terms of one robot.
 """
 
 import math
@@ -51,28 +47,17 @@ def team_reward(rewards: Tensor) -> Tensor:
 def td_target(
     rewards: Tensor, terminations: Tensor, next_values: Tensor, discount: float
 ) -> Tensor:
-    """Returns r + discount * (1 - termination) * V(s').
+    """Returns r + discount * (1 - termination) * V(s'), [...].
 
     A truncation does not stop the bootstrap: the horizon cut the episode, the task went on. It
     needs `next_values` of the state that was reached, never of the next episode's first state
     (Pardo et al. 2018, "Time limits in reinforcement learning", section 3).
-
-    Args:
-        rewards: team rewards, [...].
-        terminations: whether the task ended, bool [...].
-        next_values: values of the states reached, [...].
-        discount: factor per step, 0 to 1.
     """
     return rewards + discount * (~terminations) * next_values
 
 
 def td_error(q: Tensor, y: Tensor) -> Tensor:
-    """Returns sum_j (Q_j - y)^2, the mean over rows, [K].
-
-    Args:
-        q: values that J critics give, [K, J, B].
-        y: targets, [K, B].
-    """
+    """Returns sum_j (Q_j - y)^2, the mean over rows, [K], of values [K, J, B] and y [K, B]."""
     return (q - y[:, None]).square().mean(2).sum(1)
 
 
@@ -86,14 +71,10 @@ def value_size(q: Tensor) -> Tensor:
 
 
 def expectile_loss(errors: Tensor, expectile: float) -> Tensor:
-    """Returns |tau - 1(u < 0)| u^2 of each error u (Kostrikov et al. 2022, eq. 5).
+    """Returns |tau - 1(u < 0)| u^2 of each error u (Kostrikov et al. 2022, eq. 5), tau in [0, 1].
 
     What minimizes its mean over u = q - v is the tau-expectile of q: its mean for tau 1/2, and for
     tau to 1 its maximum.
-
-    Args:
-        errors: u, of any shape.
-        expectile: tau, 0 to 1.
     """
     return torch.where(errors < 0, 1 - expectile, expectile) * errors.square()
 
@@ -106,10 +87,7 @@ def standard_advantages(advantages: Tensor) -> Tensor:
     """Returns advantages less their mean, over their deviation, clipped, without a gradient.
 
     With exponents beta times these, weights depend on no unit of rewards, and no row has all of
-    them: of normal advantages, the effective sample size is exp(-beta^2) of the batch.
-
-    Args:
-        advantages: [K, R, N]; mean and deviation are over rows and robots of each seed.
+    them. Mean and deviation are over rows and robots of each seed, [K, R, N].
     """
     centered = advantages.detach() - advantages.detach().mean((1, 2), keepdim=True)
     deviation = centered.square().mean((1, 2), keepdim=True).sqrt() + 1e-6
@@ -117,40 +95,25 @@ def standard_advantages(advantages: Tensor) -> Tensor:
 
 
 def batch_weights(exponents: Tensor) -> Tensor:
-    """Returns exp(z) / Z, [K, R, N], Z the mean over rows and robots of a seed.
-
-    Args:
-        exponents: z, [K, R, N].
-    """
+    """Returns exp(z) / Z of exponents z, [K, R, N], Z the mean over rows and robots of a seed."""
     return exponents.flatten(1).softmax(1).view(exponents.shape) * exponents[0].numel()
 
 
 def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
-    """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
+    """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K], of [K, B, N, A].
 
-    It is minus the log-likelihood of a Gaussian of fixed deviation around the policy's action, but
-    for a factor that Adam does not see and a constant.
-
-    Args:
-        pi: actions of the policies, [K, B, N, A].
-        actions: of the data, [K, B, N, A].
+    It is minus the log-likelihood of a Gaussian of fixed deviation, but for a factor and a
+    constant.
     """
     return (pi - actions).square().mean((1, 2, 3))
 
 
 def soft_value_loss(exponents: Tensor, values: Tensor, largest: float) -> Tensor:
-    """Returns exp(z) + v elementwise, with the exponential's tangent beyond z = log(largest).
+    """Returns exp(z) + v elementwise, with the exponential's tangent beyond exp(z) = `largest`.
 
-    With z = (q - v), its mean over q is least where the mean of exp(q - v) is 1, so v is the
-    log-mean-exp of q: between the mean and the maximum.
-
-    A z that is cut instead (as in OMIGA's code, at 10) has no gradient where v is far too low, and
-    what is left, + v, lowers it further.
-
-    Args:
-        exponents: z, which must carry the gradient of v, of any shape.
-        values: v, of the same shape.
-        largest: of exp(z) before it becomes a line, above 0.
+    With z = (q - v), which must carry the gradient of v, its mean over q is least where the mean of
+    exp(q - v) is 1, so v is the log-mean-exp of q (OMIGA, Wang et al. 2023). A z that is cut
+    instead, as in OMIGA's code, has no gradient where v is far too low, and + v lowers it further.
     """
     limit = math.log(largest)
     below = exponents.clamp(max=limit)
@@ -163,15 +126,8 @@ def anchored_loss(
     """Returns -(Q_i(pi) + log beta(pi | o_i) / eta), the mean over robots, [K].
 
     Its gradient is what counts: constants are left out, and Q_i is the plane through 0 with the
-    slope that Q_i has at pi, or with `steepest` where that is less.
-
-    Args:
-        pi: the policies' actions, [K, B, N, A].
-        values: Q_i of them, with their gradient, [K, B, N].
-        mean: of beta, [K, B, N, A].
-        deviation: of beta, [K, B, N, A].
-        eta: inverse temperature, [K].
-        steepest: largest length of the gradient of Q with respect to one robot's action, [K].
+    slope that Q_i has at pi, or with `steepest` [K] where that is less. pi and mean and deviation
+    of beta are [K, B, N, A], values of pi, with their gradient, [K, B, N], eta [K].
     """
     held = 0.5 * ((pi - mean) / deviation).square().sum(3)  # [K, B, N]
     climbed = (bounded_gradient(values, pi, steepest) * pi).sum(3)  # [K, B, N]
@@ -181,51 +137,33 @@ def anchored_loss(
 def bounded_gradient(values: Tensor, pi: Tensor, steepest: Tensor) -> Tensor:
     """Returns the gradient of the sum of values with respect to each robot's action, [K, B, N, A].
 
-    Args:
-        values: with their gradient, [K, B, N].
-        pi: actions that they depend on, [K, B, N, A].
-        steepest: length to which longer gradients are cut, [K].
+    Values [K, B, N] depend on pi; gradients that are longer than `steepest`, [K], are cut.
     """
     (gradient,) = torch.autograd.grad(values.sum(), pi)
     length = gradient.norm(dim=3, keepdim=True)  # [K, B, N, 1]
     return gradient * (steepest[:, None, None, None] / length).clamp(max=1.0)
 
 
-def tilted_mean(candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
-    """Returns sum_m w_m b_m, the mean of the tilted density, [K, B, N, A].
+def tilted_loss(pi: Tensor, candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
+    """Returns the squared error to sum_m w_m b_m, the mean of the tilted density, [K].
 
-    Args:
-        candidates: b_m, drawn from beta, [K, B, N, M, A].
-        values: Q_i of them, [K, B, N, M].
-        eta: inverse temperature, [K].
+    Candidates b_m, [K, B, N, M, A], are drawn from beta; their values are [K, B, N, M], eta [K].
     """
     weights = (eta[:, None, None, None] * values).softmax(3)
-    return (weights[..., None] * candidates).sum(3)
-
-
-def tilted_loss(pi: Tensor, candidates: Tensor, values: Tensor, eta: Tensor) -> Tensor:
-    """Returns the squared error to the tilted mean, a constant, [K]; arguments as above."""
-    target = tilted_mean(candidates, values, eta).detach()
+    target = (weights[..., None] * candidates).sum(3).detach()
     return (pi - target).square().sum(3).mean((1, 2))
 
 
 def robot_values(utilities: Tensor, weights: Tensor) -> Tensor:
     """Returns Q_i = 1/D sum_dk w_dk U_dk, [K, J, B, N] (Seyde et al. 2023, equation 2).
 
-    Args:
-        utilities: [K, J, B, N, D, C].
-        weights: the actions as weights of the choices, [K, B, N, D, C].
+    Utilities are [K, J, B, N, D, C], weights of the choices [K, B, N, D, C].
     """
     return (utilities * weights[:, None]).sum(-1).mean(-1)
 
 
 def huber_error(q: Tensor, y: Tensor) -> Tensor:
-    """Returns sum_j Huber(Q_j - y), the mean over rows, [K].
-
-    Args:
-        q: values that J networks give, [K, J, B].
-        y: targets, [K, B].
-    """
+    """Returns sum_j Huber(Q_j - y), the mean over rows, [K], of values [K, J, B] and y [K, B]."""
     errors: Tensor = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none")
     return errors.mean(2).sum(1)
 
@@ -234,12 +172,8 @@ def conservative_gap(utilities: Tensor, weights: Tensor, exists: Tensor | None) 
     """Returns sum_j mean_id [log sum_k exp U_dk - sum_k w_dk U_dk], [K].
 
     Conservative Q-learning (Kumar et al. 2020, equation 4) robot by robot and column by column: the
-    sum over joint actions has no such form and was found unstable.
-
-    Args:
-        utilities: [K, J, B, N, D, C].
-        weights: the data's actions as weights of the choices, [K, B, N, D, C].
-        exists: which choices there are, bool [N, D, C]; None: all.
+    sum over joint actions has no such form and was found unstable. Utilities and weights are as of
+    `robot_values`; `exists` are the choices there are, bool [N, D, C], None all.
     """
     taken = (utilities * weights[:, None]).sum(-1)  # [K, J, B, N, D]
     if exists is not None:
@@ -248,11 +182,5 @@ def conservative_gap(utilities: Tensor, weights: Tensor, exists: Tensor | None) 
 
 
 def behavior_loss(log_probs: Tensor, weights: Tensor, head: Head) -> Tensor:
-    """Returns -sum_d sum_k w_dk log pi_b(k | o_i)_d, the mean over robots and rows, [K].
-
-    Args:
-        log_probs: of the behavior head: `behavior_heads.behavior_log_probs`.
-        weights: the data's actions as weights of the choices, [K, B, N, D, C].
-        head: its kind.
-    """
+    """Returns -sum_d sum_k w_dk log pi_b(k | o_i)_d, the mean over robots and rows, [K]."""
     return cross_entropy(log_probs, weights, head).mean((1, 2))

@@ -1,9 +1,8 @@
 """Rows that an actor clones, drawn in proportion to exponential weights of their advantages.
 
 Advantage-weighted cloning minimizes the mean of w_r e_r over rows r, one row for each robot and
-step, with w_r = min(exp(beta A_r), 100) and e_r the error of the actor; without the bound, a few
-outliers would be all that counts. With the weights as factors of the loss, a batch counts as no
-more than
+step, with w_r = min(exp(beta A_r), 100) and e_r the error of the actor. With the weights as factors
+of the loss, a batch counts as no more than
 
     n_eff = (sum_r w_r)^2 / sum_r w_r^2
 
@@ -13,13 +12,10 @@ rows (Kish 1965), which can be a tenth of it: gradients are noisy, and few rows 
 - rows are drawn in proportion to their weights, one batch from the last 1 / `effective_share`
   batches, which together hold about one batch of effective rows, and are cloned without factors.
 
-Each batch is scored once, when critics learn from it, so that a score is a few updates old and
-costs nothing more. The expected gradient is that of the weighted loss over its sum of weights. Each
-robot's rows are drawn for themselves, so that every robot has as many. Draws are systematic
-(Kitagawa 1996, "Monte Carlo filter and smoother"): a row is drawn as often as its share of the
-weights says, rounded up or down. With a memory, whole segments are drawn by the sum of their
-weights, and in those each robot's steps by what is left: the weight over its segment's sum. So a
-step counts by its weight there too, and the memory passes over one batch only.
+Each batch is scored once, when critics learn from it. Each robot's rows are drawn for themselves,
+by systematic draws (Kitagawa 1996, "Monte Carlo filter and smoother"): a row is drawn as often as
+its share of the weights says, rounded up or down. With a memory, whole segments are drawn by the
+sum of their weights, and in those each robot's steps by the weight over its segment's sum.
 """
 
 import math
@@ -67,12 +63,9 @@ def effective_share_of(weights: Tensor) -> Tensor:
 def row_weights(
     advantages: Tensor, largest: float | Tensor, effective_share: float
 ) -> tuple[Tensor, Tensor]:
-    """Returns the weight of each row over the largest, [K, M, N], and beta, [K].
+    """Returns the weight of each row over the largest, [K, M, N], and beta, [K], one of a seed.
 
-    Args:
-        advantages: A, [K, M, N]; each seed has its own beta for all its robots.
-        largest: beta, a number or [K], finite.
-        effective_share: least n_eff over M N.
+    `largest` is beta's limit, finite, a number or [K]; `effective_share` the least n_eff over M N.
     """
     flat = advantages.flatten(1)  # [K, M N]
 
@@ -93,13 +86,7 @@ def row_weights(
 
 
 def draw(weights: Tensor, n_drawn: int, generators: Sequence[torch.Generator]) -> Tensor:
-    """Returns rows drawn for each robot in proportion to its weights, [K, D, N].
-
-    Args:
-        weights: of M rows, not all 0, [K, M, N].
-        n_drawn: rows to draw, D.
-        generators: one per seed, [K].
-    """
+    """Returns D rows drawn for each robot, [K, D, N], in proportion to weights [K, M, N]."""
     cumulative = weights.transpose(1, 2).double().cumsum(2)  # [K, N, M]
     start = uniform_like(generators, weights[:, 0])  # [K, N]
     steps = torch.arange(n_drawn, device=weights.device, dtype=torch.float64)
@@ -118,10 +105,6 @@ def rows_of_robots(values: Tensor, rows: Tensor) -> Tensor:
 class ScoredRows:
     """The last batches of K seeds and the advantages of their rows, from which actors learn.
 
-    Args:
-        effective_share: least effective sample size of the weights over their number.
-        generators: of the draws, one per seed, [K].
-
     Raises:
         SchemaError: the share is not above 0 and at most 1.
     """
@@ -135,12 +118,10 @@ class ScoredRows:
         self._kept = dict.fromkeys(("observations", "actions", "mask", "advantages"), empty)
 
     def add(self, batch: Batch, advantages: Tensor) -> None:
-        """Adds a batch, in place of the oldest.
+        """Adds a batch, always of the same shape, in place of the oldest.
 
-        Args:
-            batch: transitions [K, B, ...], or windows [K, B, L, ...]; always of the same shape.
-            advantages: of the transitions, or of the steps that windows are learned from, without a
-                gradient, [K, R, N].
+        Advantages, [K, R, N], without a gradient, are of the transitions [K, B, ...], or of the
+        steps that windows [K, B, L, ...] are learned from.
         """
         for name in self._kept:
             new = advantages if name == "advantages" else getattr(batch, name)
@@ -150,12 +131,7 @@ class ScoredRows:
         self._n_added += 1
 
     def draw(self, along: Along, largest: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Returns as many rows as a batch has: actions, [K, R, N, A], the actor's outputs, beta.
-
-        Args:
-            along: of the actor.
-            largest: beta, a number or [K].
-        """
+        """Returns as many rows as a batch has: actions, [K, R, N, A], the actor's outputs, beta."""
         n_batches = min(self._n_added, self._n_kept)
         kept = {name: values[:, :n_batches].flatten(1, 2) for name, values in self._kept.items()}
         weights, beta = row_weights(kept.pop("advantages"), largest, self._share)

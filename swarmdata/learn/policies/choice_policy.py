@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.behavior_heads import Rule, behavior_log_probs
-from swarmdata.learn.choices.bins import by_dimension, greedy, mean_utilities, rows_of, to_actions
+from swarmdata.learn.choices.bins import by_dimension, mean_utilities, rows_of, to_actions
 from swarmdata.learn.choices.choices import Choices, columns_of
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters, answer
@@ -40,15 +40,13 @@ class BinPolicy(Memoryless):
 
     def choices(self, observations: Float) -> Tensor:
         """Returns the best choices, whole numbers [E, N, D], for observations [E, N, O]."""
-        framed = observations if self.frame is None else self.frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
         (first,) = rows_of(self.layers[:1], slice(len(self.layers[0].weight) // self.n_critics))
-        return self.best(standard_features(first, framed, mean, std, self.parameters))
+        return self.best(standard_features(self, first, observations))
 
     def best(self, features: Tensor) -> Tensor:
         """Returns the best choices, [E, N, D], by what the networks see, float64 [E, N, O]."""
         utilities = mean_utilities(self.layers, features, self.parameters, self.n_critics)
-        return greedy(by_dimension(utilities, self.n_bins))
+        return by_dimension(utilities, self.n_bins).argmax(-1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,21 +75,14 @@ class ChoicePolicy(Memoryless):
         return self.choose(self._features(observations), observations)
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
-        """Returns the preferred of the allowed choices, as `act` does of all.
+        """Returns the preferred of the recorded choices that the environment allows, [E, N, M].
 
-        Args:
-            step: what the robots see.
-            allowed: recorded choices that the environment allows: all columns of a robot one after
-                the other, then padding, [E, N, M].
+        Those of a robot's columns come one after the other, then padding.
         """
         return self.choose(self._features(step.observations), step.observations, allowed)
 
     def utilities(self, features: Tensor) -> Tensor:
-        """Returns the mean utilities of both networks, float64 [E, N, D, C].
-
-        Args:
-            features: what the networks see, float64 [E, N, F].
-        """
+        """Returns the networks' mean utilities, [E, N, D, C], of what they see; both float64."""
         n_rows = 1 if self.parameters == "shared" else features.shape[1]
         n_critics = len(self.layers[0].weight) // n_rows
         outputs = mean_utilities(self.layers, features, self.parameters, n_critics)
@@ -99,12 +90,9 @@ class ChoicePolicy(Memoryless):
 
     @torch.no_grad()
     def choose(self, features: Tensor, observations: Float, allowed: Bool | None = None) -> Float:
-        """Returns joint actions, float32 [E, N, D].
+        """Returns joint actions, float32 [E, N, D], by what the networks see, float64 [E, N, F].
 
-        Args:
-            features: what the networks see, float64 [E, N, F].
-            observations: in the world's frame, [E, N, O].
-            allowed: as in `act_among`; None: all.
+        Observations are in the world's frame, [E, N, O]; `allowed` is as of `act_among`, None all.
         """
         columns = None
         if allowed is not None:
@@ -114,36 +102,17 @@ class ChoicePolicy(Memoryless):
         return in_world(self.frame, observations, actions).astype(np.float32)
 
     def preferred(self, features: Tensor, allowed: Tensor | None = None) -> Tensor:
-        """Returns the actions as weights of the choices, float64 [E, N, D, C].
-
-        Args:
-            features: what the networks see, float64 [E, N, F].
-            allowed: choices that the environment allows, bool [E, N, D, C]; None: all.
-        """
+        """Returns the actions as weights of the choices, float64 [E, N, D, C]; others likewise."""
         log_probs = None
         if self.behavior:
             outputs = answer(self.behavior, features, self.parameters)
             log_probs = behavior_log_probs(outputs, self.choices, self.rule.head)
         return self.rule.act(self.utilities(features), log_probs, self.choices, allowed)
 
-    def features(self, first: Layer, observations: Float) -> Tensor:
-        """Returns normalized observations in the robots' frame, float64 [E, N, O].
-
-        Args:
-            first: layer of the networks that see them.
-            observations: in the world's frame, [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
-        framed = observations if self.frame is None else self.frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
-        return standard_features(first, framed, mean, std, self.parameters)
-
     def _features(self, observations: Float) -> Tensor:
         rows = slice(1 if self.parameters == "shared" else observations.shape[1])  # of one critic
         (first,) = rows_of(self.layers[:1], rows)
-        return self.features(first, observations)
+        return standard_features(self, first, observations)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,12 +134,11 @@ class RecurrentChoicePolicy:
         return self._act(step, None)
 
     def act_among(self, step: Step, allowed: Bool) -> Float:
-        """Returns the preferred of the allowed choices, as `ChoicePolicy.act_among`."""
         return self._act(step, allowed)
 
     def _act(self, step: Step, allowed: Bool | None) -> Float:
         chooser, observations = self.chooser, step.observations
-        features = chooser.features(self.gates[0], observations)
+        features = standard_features(chooser, self.gates[0], observations)
         memory = self._memory.advance(self.gates, features, chooser.parameters)
         actions = chooser.choose(torch.cat([features, memory], -1), observations, allowed)
         self._last.keep(step, actions.copy())  # the caller may write to theirs

@@ -3,6 +3,7 @@
 from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -27,10 +28,10 @@ class DrawnPolicy(StepFunction):
     The draw is a function of the episode's seed: before an episode the robots must agree on one
     number, and nothing is sent afterwards. `log_probs` is that of the action given the draw, 0 for
     the action taken. The density over draws has no closed form, so data that such a policy records
-    carry no importance weights.
-
-    It computes in float64 on the CPU and rounds once at the end, as `TorchPolicy` does.
+    carry no importance weights. It computes in float64, as `TorchPolicy` does.
     """
+
+    parameters: ClassVar[Parameters] = "shared"
 
     layers: Sequence[Layer]  # the actors' weights, float64, R = 1
     observation_mean: Tensor  # subtracted from observations, float64 [O]
@@ -43,11 +44,7 @@ class DrawnPolicy(StepFunction):
         """Returns what each robot knows of the draw, float64 [E, N, D]."""
 
     def step_actions(self, step: Step) -> Float:
-        framed = step.observations if self.frame is None else self.frame.inputs(step.observations)
-        outputs = outputs_of(
-            self.layers, framed, self.observation_mean, self.observation_std, "shared",
-            beside=self.drawn_features(step),
-        )  # fmt: skip
+        outputs = outputs_of(self, step.observations, beside=self.drawn_features(step))
         actions = in_world(self.frame, step.observations, outputs.tanh().numpy())
         return actions.astype(np.float32)
 
@@ -68,21 +65,21 @@ class LatentPolicy(DrawnPolicy):
         return self.draw(step)[:, None].expand(-1, step.observations.shape[1], -1)
 
 
-def drawn_noise(step: Step, n_agents: int, action_size: int, redraw: Redraw) -> Double:
-    """Returns the noise of all robots, standard normal, [E, N, A], a function of episode and time.
+class TeamNoise:
+    """The draw of policies that turn noise into actions."""
 
-    Args:
-        step: of E copies.
-        n_agents: N.
-        action_size: A.
-        redraw: when it is drawn anew.
-    """
-    times = np.zeros_like(step.times) if redraw == "episode" else step.times
-    return normal(counters(step._replace(times=times), "policy", n_agents, action_size))
+    __slots__ = ()
+
+    def draw(self: Any, step: Step) -> Double:
+        """Returns the noise of all robots, normal of deviation `noise_scale`, [E, N, A]."""
+        times = np.zeros_like(step.times) if self.redraw == "episode" else step.times
+        size = self.layers[-1].weight.shape[-1]
+        numbers = counters(step._replace(times=times), "policy", self.n_agents, size)
+        return self.noise_scale * normal(numbers)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class FlowPolicy(DrawnPolicy):
+class FlowPolicy(TeamNoise, DrawnPolicy):
     """A `DrawnPolicy` of noise, which robots turn into actions in one step.
 
     The noise is drawn once for an episode, or anew in every step. With noise `team` every robot
@@ -94,27 +91,16 @@ class FlowPolicy(DrawnPolicy):
     redraw: Redraw  # when noise is drawn anew
     noise_scale: float = 1.0  # factor on the noise when acting
 
-    def draw(self, step: Step) -> Double:
-        """Returns the noise of all robots, normal of deviation `noise_scale`, [E, N, A]."""
-        size = self.layers[-1].weight.shape[-1]
-        return self.noise_scale * drawn_noise(step, self.n_agents, size, self.redraw)
-
     def drawn_features(self, step: Step) -> Tensor:
         """Returns what each robot knows of the team's noise, float64 [E, N, `noise_size`]."""
         return known_noise(torch.from_numpy(self.draw(step)), self.noise)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
-class RecurrentFlowPolicy(Remembering):
-    """Robots turn noise into actions, given all normalized observations of an episode so far.
+class RecurrentFlowPolicy(TeamNoise, Remembering):
+    """Robots turn the noise of a `FlowPolicy` into actions, given their past of the episode."""
 
-    The noise is that of a `FlowPolicy`.
-
-    Attributes:
-        layers: gates and reader of the actors (`gated_networks`), float64, R = 1.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-    """
+    parameters: ClassVar[Parameters] = "shared"
 
     n_agents: int  # N, the robots it was trained for
     noise: Noise  # what a robot knows of the team's noise
@@ -122,15 +108,6 @@ class RecurrentFlowPolicy(Remembering):
     noise_scale: float = 1.0  # factor on the noise when acting
     frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
-
-    @property
-    def view(self) -> tuple[Frame | None, Parameters]:
-        return self.frame, "shared"
-
-    def draw(self, step: Step) -> Double:
-        """Returns the noise of all robots, normal of deviation `noise_scale`, [E, N, A]."""
-        size = self.layers[-1].weight.shape[-1]
-        return self.noise_scale * drawn_noise(step, self.n_agents, size, self.redraw)
 
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         noise = known_noise(torch.from_numpy(self.draw(step)), self.noise)

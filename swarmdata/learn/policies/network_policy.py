@@ -18,8 +18,8 @@ class NetworkPolicy:
 
     `behavior_policies.learned` runs perceptrons with the same bits everywhere. Memories, sets and
     flows have sums that are rounded, and their last bits differ from machine to machine. Here
-    actions are rounded to multiples of 2^-12, so that an error of 1e-16 shows in about one of 1e12
-    numbers: a dataset is usually the same on another machine, and this is no promise.
+    actions are rounded to multiples of 2^-12: a dataset is usually the same on another machine,
+    and this is no promise.
 
     `log_probs` are those of the noise about the policy's action; of a policy that draws (flows,
     latents), given its draw.

@@ -1,8 +1,7 @@
 """Policies as files: the weights of one seed's policy, and what it needs to act with them.
 
-A policy is a dataclass of layers, tensors and JSON values. Tensors lie in the file under the names
-of their fields, `layers.0.weight` those of layers; everything else is in the metadata. A dataclass
-inside another has its name as a prefix, such as `chooser.layers.0.weight`.
+Tensors lie in the file under the names of a policy's fields, `layers.0.weight` those of layers, and
+those of a dataclass inside under `chooser.layers.0.weight`; all else is in the metadata.
 """
 
 from collections.abc import Callable, Mapping

@@ -1,11 +1,9 @@
-"""RecurrentPolicy, the greedy policy of one seed that remembers the running episode.
-
-`Remembering` is what it shares with other recurrent actors, such as `RecurrentFlowPolicy`.
-"""
+"""RecurrentPolicy, the greedy policy of one seed that remembers the running episode."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import torch
@@ -32,13 +30,7 @@ class RunningMemory:
         self._values: Tensor | None = None  # float32 [E, N, M]
 
     def reset(self, step: Step, copies: Int, size: int) -> None:
-        """Empties the memory of some copies; of all of them, if their number has changed.
-
-        Args:
-            step: of all copies.
-            copies: in which new episodes have begun.
-            size: numbers that a robot remembers, M.
-        """
+        """Empties the memory of copies of a step; of all of them, if their number has changed."""
         shape = (*step.observations.shape[:2], size)
         if self._values is None or self._values.shape != shape:
             self._values = torch.zeros(shape)
@@ -46,12 +38,7 @@ class RunningMemory:
 
     @torch.no_grad()
     def advance(self, gates: Sequence[Layer], features: Tensor, parameters: Parameters) -> Tensor:
-        """Takes in a step; returns the memory after it, float64 [E, N, M].
-
-        Args:
-            gates: layers of gated units, and more, float64.
-            features: what the robots see, normalized, float64 [E, N, F].
-            parameters: whether the robots share one network.
+        """Takes in normalized features, float64 [E, N, F]; returns the memory after, [E, N, M].
 
         Raises:
             SchemaError: the memory is of other copies.
@@ -61,10 +48,7 @@ class RunningMemory:
         return self.keep(from_rows(after, (1, *features.shape), parameters)[0])
 
     def before(self, features: Tensor) -> Tensor:
-        """Returns the memory before a step, float64 [E, N, M].
-
-        Args:
-            features: of the step, [E, N, F].
+        """Returns the memory before a step of features [E, N, F], float64 [E, N, M].
 
         Raises:
             SchemaError: the memory is of other copies.
@@ -97,19 +81,12 @@ class Remembering(ABC):
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
 
-    @property
-    @abstractmethod
-    def view(self) -> tuple[Frame | None, Parameters]:
-        """The frame in which the actors see and act, and whether the robots share one."""
-
     @abstractmethod
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         """Returns actions in the frame, float64 [E, N, A].
 
-        Args:
-            step: that is acted on.
-            features: normalized observations in the frame, float64 [E, N, O].
-            memory: after this step, float64 [E, N, M].
+        Features are normalized, [E, N, O], the memory is that after this step, [E, N, M], both
+        float64.
         """
 
     def reset(self, step: Step, copies: Int) -> None:
@@ -123,13 +100,11 @@ class Remembering(ABC):
             SchemaError: the observations are not those the policy was trained on, or `reset` was
                 not called with these copies.
         """
-        observations, (frame, parameters) = step.observations, self.view
-        framed = observations if frame is None else frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
-        features = standard_features(self.layers[0], framed, mean, std, parameters)
-        memory = self._memory.advance(self.layers, features, parameters)
+        policy: Any = self  # with `frame` and `parameters`
+        features = standard_features(self, self.layers[0], step.observations)
+        memory = self._memory.advance(self.layers, features, policy.parameters)
         local = self.local_actions(step, features, memory)
-        actions = in_world(frame, observations, local.numpy()).astype(np.float32)
+        actions = in_world(policy.frame, step.observations, local.numpy()).astype(np.float32)
         self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
 
@@ -139,23 +114,12 @@ class Remembering(ABC):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecurrentPolicy(Remembering):
-    """Actors on all normalized observations of an episode so far, as `TorchPolicy` on the last.
-
-    Attributes:
-        layers: gates and reader of the actors (`gated_networks`), float64; R = 1 if they are
-            shared, else N.
-        observation_mean: subtracted from observations, float64 [O].
-        observation_std: what they are divided by, float64 [O].
-    """
+    """Actors on all normalized observations of an episode so far, as `TorchPolicy` on the last."""
 
     squash: bool  # whether the output passes through tanh; otherwise it is clipped to [-1, 1]
     frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
     parameters: Parameters = "shared"  # whether the agents share one actor
-
-    @property
-    def view(self) -> tuple[Frame | None, Parameters]:
-        return self.frame, self.parameters
 
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         rows = by_network(memory[None], self.parameters)

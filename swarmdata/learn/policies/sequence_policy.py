@@ -2,12 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from swarmdata.learn.memory.sequence_actor import told_actions
 from swarmdata.learn.memory.sequence_networks import (
     EMBED,
     HEAD,
@@ -15,12 +15,14 @@ from swarmdata.learn.memory.sequence_networks import (
     decide,
     memory_size,
     over_step,
+    told_actions,
     with_past,
 )
 from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.perceptrons import Layer
+from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.recurrent_policy import RunningMemory
-from swarmdata.learn.policies.torch_policy import standard_features
+from swarmdata.learn.policies.torch_policy import seen_in, standard_features
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.types import Float, Int, Step
@@ -36,6 +38,8 @@ class SequencePolicy:
 
     It computes in float64 on the CPU and rounds once at the end; the memory, as `RunningMemory`.
     """
+
+    parameters: ClassVar[Parameters] = "shared"
 
     layers: Sequence[Layer]  # of a sequence network (`sequence_networks`), float64, R = 1
     observation_mean: Tensor  # subtracted from observations, float64 [O]
@@ -62,16 +66,15 @@ class SequencePolicy:
                 not called with these copies.
         """
         observations = step.observations
-        framed = observations if self.frame is None else self.frame.inputs(observations)
-        mean, std = self.observation_mean, self.observation_std
-        features = standard_features(self.layers[EMBED], framed, mean, std, "shared")
+        features = standard_features(self, self.layers[EMBED], observations)
         before = self._memory.before(features)[None]
         embedded, recalled, after = over_step(
             self.layers, with_agent_id(features)[None], before, self.n_heads
         )
         self._memory.keep(after[0])
         tokens = with_past(self.layers, embedded, recalled)
-        local = self._in_order(tokens, torch.from_numpy(framed.astype(np.float64))[None])[0]
+        framed = torch.from_numpy(seen_in(self.frame, observations).astype(np.float64))
+        local = self._in_order(tokens, framed[None])[0]
         actions = in_world(self.frame, observations, local.numpy()).astype(np.float32)
         self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions

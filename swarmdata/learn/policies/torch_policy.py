@@ -3,6 +3,7 @@
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import torch
@@ -89,7 +90,7 @@ class TorchPolicy(Memoryless):
     )
 
     def actions(self, observations: Float) -> Float:
-        framed = observations if self.frame is None else self.frame.inputs(observations)
+        framed = seen_in(self.frame, observations)
         layers = self._folded.get(framed.shape[1:])
         if layers is None:
             mean, std = self.observation_mean, self.observation_std
@@ -107,12 +108,6 @@ def fold(layers: Sequence[Layer], mean: Tensor, std: Tensor, parameters: Paramet
     Normalization and, where the robots share a network, the robot's number are part of its first
     layer: W' = W / std and b' = b - mean W'. Outputs agree with those of `outputs_of` within
     rounding.
-
-    Args:
-        layers: of one seed, float64; R = 1 if they are shared, else N.
-        mean: subtracted from observations, float64 [O].
-        std: what they are divided by, float64 [O].
-        parameters: whether the robots share one network.
     """
     first, size = layers[0], len(mean)
     weight = standardize(first.weight[:, :size].transpose(1, 2), torch.zeros_like(mean), std)
@@ -128,68 +123,44 @@ def fold(layers: Sequence[Layer], mean: Tensor, std: Tensor, parameters: Paramet
 
 
 @torch.no_grad()
-def outputs_of(
-    layers: Sequence[Layer],
-    framed: Float,
-    mean: Tensor,
-    std: Tensor,
-    parameters: Parameters,
-    *,
-    beside: Tensor | None = None,
-) -> Tensor:
-    """Returns what one seed's networks answer, float64 [E, N, outputs].
+def outputs_of(policy: Any, observations: Float, *, beside: Tensor | None = None) -> Tensor:
+    """Returns what the networks of a policy answer, float64 [E, N, outputs].
 
-    Args:
-        layers: the weights, float64.
-        framed: observations in the robots' frame, [E, N, O].
-        mean: subtracted from them, float64 [O].
-        std: what they are divided by, float64 [O].
-        parameters: whether the agents share one network.
-        beside: what the networks see besides observations, float64 [E, N, D].
+    `beside` is what they see besides observations [E, N, O], float64 [E, N, D].
 
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
     n_beside = 0 if beside is None else beside.shape[-1]
-    features = standard_features(layers[0], framed, mean, std, parameters, n_beside)
+    features = standard_features(policy, policy.layers[0], observations, n_beside)
     if beside is not None:
         features = torch.cat([features, beside], -1)
-    return answer(layers, features, parameters)
+    return answer(policy.layers, features, policy.parameters)
 
 
-def standard_features(
-    first: Layer,
-    framed: Float,
-    mean: Tensor,
-    std: Tensor,
-    parameters: Parameters,
-    n_beside: int = 0,
-) -> Tensor:
-    """Returns what one seed's networks see of observations, float64 [E, N, O].
+def standard_features(policy: Any, first: Layer, observations: Float, n_beside: int = 0) -> Tensor:
+    """Returns observations in a policy's frame, normalized, float64 [E, N, O].
 
-    Args:
-        first: their first layer.
-        framed: observations in the robots' frame, [E, N, O].
-        mean: subtracted from them, float64 [O].
-        std: what they are divided by, float64 [O].
-        parameters: whether the agents share one network.
-        n_beside: inputs of the networks that are no observations.
+    `first` is the first layer of one seed's networks, with `n_beside` inputs besides them.
 
     Raises:
         SchemaError: the observations are not those the networks were trained on.
     """
-    check_observations(first, framed, mean, parameters, n_beside)
-    return standardize(torch.from_numpy(framed.astype(np.float64)), mean, std)
+    framed = seen_in(policy.frame, observations)
+    check_observations(first, framed, policy.observation_mean, policy.parameters, n_beside)
+    values = torch.from_numpy(framed.astype(np.float64))
+    return standardize(values, policy.observation_mean, policy.observation_std)
+
+
+def seen_in(frame: Frame | None, observations: Float) -> Float:
+    """Returns observations in the robots' frame, [E, N, O]; None: the world's."""
+    return observations if frame is None else frame.inputs(observations)
 
 
 def check_observations(
     first: Layer, framed: Float, mean: Tensor, parameters: Parameters, n_beside: int = 0
 ) -> None:
-    """Checks that observations are those of training; takes what `standard_features` does.
-
-    Raises:
-        SchemaError: they are not.
-    """
+    """Raises SchemaError unless observations, in the robots' frame, are those of training."""
     n_rows, n_inputs = first.weight.shape[:2]
     n_agents = n_inputs - n_beside - len(mean) if parameters == "shared" else n_rows
     if framed.shape[1:] != (n_agents, len(mean)):
@@ -201,10 +172,7 @@ def check_observations(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetPolicy(Memoryless):
-    """An actor over sets that all robots share and that sees no robot numbers.
-
-    It computes in float64 on the CPU and rounds once at the end, as `TorchPolicy` does.
-    """
+    """An actor over sets that all robots share and that sees no robot numbers; float64 likewise."""
 
     layers: Sequence[Layer]  # the actor's weights (`set_networks`), float64, R = 1
     field_mean: Tensor  # subtracted from what is read, float64 [F], F as in `slots.fields`
@@ -218,7 +186,7 @@ class SetPolicy(Memoryless):
 
     @torch.no_grad()
     def actions(self, observations: Float) -> Float:
-        framed = observations if self.frame is None else self.frame.inputs(observations)
+        framed = seen_in(self.frame, observations)
         if framed.shape[-1] != self.slots.n_columns:
             raise SchemaError(
                 f"policy got observations {framed.shape}, expected {self.slots.n_columns} features "

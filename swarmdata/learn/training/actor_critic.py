@@ -1,22 +1,18 @@
 """What offline algorithms share beside losses: the state, and the two-stage loop of actor-critics.
 
-An actor that climbs a critic while the critic learns decides what the critic values, and TD3+BC
-holds it to the data by an error that is the same everywhere. So actor-critics can train in two
-stages. In the first, critics learn the value of an actor that their own rule moves; a behavior
-density learns beside them. In the second, the last `extraction_share` of the updates, the density
-stands still, and the actor, which starts where it was, descends one of the extraction losses of
-`objectives.losses`. Critics go on learning, the value of the new actor, so that there are several
-steps of policy improvement; with `frozen_critics` there is one.
+An actor that climbs a critic while the critic learns decides what the critic values. So
+actor-critics can train in two stages. In the first, critics learn the value of an actor that their
+own rule moves; a behavior density learns beside them. In the second, the last `extraction_share` of
+the updates, the density stands still, and the actor descends one of the extraction losses of
+`objectives.losses`. Critics go on learning, the value of the new actor; with `frozen_critics` they
+do not.
 
-Nobody in good data hits an obstacle, so critics of such data know that the goal is near and not
-that contacts cost. Their slopes are short on average and long in some places, and there an actor
-that follows them leaves the data. That is why a robot is pulled by at most `slope_limit` slopes.
+Nobody in good data hits an obstacle, so slopes of critics are short on average and long in some
+places. That is why a robot is pulled by at most `slope_limit` slopes.
 
 The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i
 under the density divided by that of the actions, both as means over robots and rows of the first
-batch of the stage. So actions move by about `inverse_temperature` times their variance in the data:
-one setting serves rewards of every scale, and data that are all alike are left less than diverse
-ones.
+batch of the stage. So one setting serves rewards of every scale.
 """
 
 from abc import ABC, abstractmethod
@@ -48,15 +44,10 @@ from swarmdata.learn.networks.network_inputs import (
     normal_like,
     restore_generators,
 )
-from swarmdata.learn.networks.optimizer import StackedAdam, cosine
+from swarmdata.learn.networks.optimizer import Descent, StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
-from swarmdata.learn.objectives.losses import (
-    Loss,
-    anchored_loss,
-    cloning_loss,
-    tilted_loss,
-)
+from swarmdata.learn.objectives.losses import Loss, anchored_loss, cloning_loss, tilted_loss
 from swarmdata.learn.objectives.weighted_rows import ScoredRows, check_share
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
@@ -131,8 +122,10 @@ class ExtractionConfig:
 
 
 @dataclass(frozen=True)
-class DelayedConfig(ActorCriticConfig):
-    """The settings of TD3 (Fujimoto et al. 2018) and of the warm-up by behavior cloning."""
+class TwoStageConfig(ActorCriticConfig, ExtractionConfig):
+    """The settings of TD3 (Fujimoto et al. 2018), of the warm-up, and of the second stage."""
+
+    RETIRED: ClassVar = ("max_extraction_weight", "bc_warmup_updates")
 
     policy_delay: int = 2  # Fujimoto & Gu 2021, table 3; the next two too
     smoothing: float = 0.2  # deviation of the noise on the targets' actions
@@ -140,25 +133,11 @@ class DelayedConfig(ActorCriticConfig):
     bc_warmup_share: float = 0.5  # of `n_updates`, the first ones, in which actors clone the data
 
 
-@dataclass(frozen=True)
-class TwoStageConfig(DelayedConfig, ExtractionConfig):
-    """The settings of TD3, of the warm-up, and of the second stage."""
-
-    RETIRED: ClassVar = ("max_extraction_weight", "bc_warmup_updates")
-
-
 class Part(Protocol):
     """Something with parameters, and what their optimizers remember."""
 
     def state_dict(self) -> dict[str, Any]: ...
     def load_state_dict(self, state: Mapping[str, Any]) -> None: ...
-
-
-class Critics(Part, Protocol):
-    """Networks of values with an optimizer and slow copies."""
-
-    def step(self, loss: Tensor, scale: float = 1.0) -> None: ...
-    def follow(self, rate: float) -> None: ...
 
 
 class OfflineLearner(ABC):
@@ -170,12 +149,14 @@ class OfflineLearner(ABC):
     parts: Sequence[Part]
     """All that has parameters; entries of their states have different names."""
     n_updates = 0
+    first_stage = 0  # updates before a second stage; 0: there is one stage
 
     @property
     def scale(self) -> float:
-        """The factor on learning rates now: a cosine over all updates."""
-        config = self.config
-        return cosine(self.n_updates, config.n_updates, config.final_learning_rate_factor)
+        """The factor on learning rates now: a cosine over the updates of each stage."""
+        config, first = self.config, self.first_stage
+        begin, end = (0, first) if self.n_updates < first else (first, config.n_updates)
+        return cosine(self.n_updates - begin, end - begin, config.final_learning_rate_factor)
 
     def state_dict(self) -> dict[str, Any]:
         """Parameters, targets, Adam's moments, generators and number of updates, as copies."""
@@ -237,20 +218,20 @@ def robot_valuer(
 class TwoStageActorCritic(OfflineLearner):
     """Critics, and actors that move less often; the losses are in the files of the algorithms."""
 
-    critics: Critics
+    critics: Descent
 
-    def __init__(self, setup: Setup, config: TwoStageConfig, critics: Critics) -> None:
+    def __init__(self, setup: Setup, config: TwoStageConfig, critics: Descent) -> None:
         self.config, self.critics = config, critics
         self.actor = DelayedActor(
             squashed_actor(setup, config), setup.n_seeds,
             learning_rate=config.actor_learning_rate, max_norm=config.max_grad_norm,
         )  # fmt: skip
         self.generators = setup.generators()
-        self.second_stage = None
+        self.second_stage, self.parts = None, (self.actor, critics)
         if config.extraction != "joint":
+            self.first_stage = config.n_updates - round(config.n_updates * config.extraction_share)
             self.second_stage = SecondStage(self.actor, setup, self.generators, config)
-        second = () if self.second_stage is None else (self.second_stage,)
-        self.parts = (self.actor, critics, *second)
+            self.parts = (*self.parts, self.second_stage)
 
     @abstractmethod
     def critic_inputs(self, batch: Batch) -> Any:
@@ -258,13 +239,7 @@ class TwoStageActorCritic(OfflineLearner):
 
     @abstractmethod
     def critic_step(self, batch: Batch, x: Any, scale: float) -> dict[str, Tensor]:
-        """Moves the critics; returns losses, each [K].
-
-        Args:
-            batch: tensors [K, B, ...].
-            x: what the critics see.
-            scale: factor on the learning rate.
-        """
+        """Moves the critics, at `scale` times the learning rate; returns losses, each [K]."""
 
     @abstractmethod
     def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:
@@ -277,12 +252,11 @@ class TwoStageActorCritic(OfflineLearner):
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
 
-        Critics move in every update. Actors and targets move in every update of the warm-up, and
-        then in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1). In the second stage,
-        only the actors move.
+        Actors and targets move in every update of the warm-up, and then in every `policy_delay`-th
+        (Fujimoto et al. 2018, algorithm 1).
         """
-        config, stage = self.config, self.second_stage
-        scale, is_second = scale_and_stage(config, stage, self.n_updates)
+        config, stage, scale = self.config, self.second_stage, self.scale
+        is_second = stage is not None and self.n_updates >= self.first_stage
         x = self.critic_inputs(batch)
         losses: dict[str, Tensor] = {}
         if not (is_second and config.frozen_critics):
@@ -344,20 +318,6 @@ def squashed_actor(setup: Setup, config: ActorCriticConfig) -> StackedActor:
     )
 
 
-def scale_and_stage(
-    config: ActorCriticConfig, stage: "SecondStage | None", n_updates: int
-) -> tuple[float, bool]:
-    """Returns the factor on learning rates after `n_updates`, and whether the second stage runs.
-
-    Each stage has a cosine of its own.
-    """
-    floor = config.final_learning_rate_factor
-    first = config.n_updates if stage is None else stage.begins_at
-    if stage is None or n_updates < first:
-        return cosine(n_updates, first, floor), False
-    return cosine(n_updates - first, config.n_updates - first, floor), True
-
-
 class SecondStage:
     """Density, optimizer and temperature of the second stage of K seeds."""
 
@@ -369,8 +329,6 @@ class SecondStage:
         config: TwoStageConfig,
     ) -> None:
         self._actor, self._generators, self._config = actor, generators, config
-        # number of updates before the stage
-        self.begins_at = config.n_updates - round(config.n_updates * config.extraction_share)
         rate, max_norm = config.actor_learning_rate, config.max_grad_norm
         # of the data's actions
         self.density = BehaviorDensity(

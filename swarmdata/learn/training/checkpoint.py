@@ -27,16 +27,7 @@ MAX_BYTES = 1 << 32
 
 
 def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping[str, Any]) -> str:
-    """Writes a checkpoint atomically: after a crash, the old or the new file is there.
-
-    Args:
-        path: of the file; its folder exists.
-        tensors: what to keep; copied to the CPU.
-        metadata: JSON values.
-
-    Returns:
-        SHA-256 of the content, hex.
-    """
+    """Writes tensors and JSON metadata atomically; returns the SHA-256 of the content, hex."""
     content = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
     text = json.dumps(metadata, sort_keys=True)
     digest = _digest(content, text)
@@ -75,8 +66,7 @@ def parse_checkpoint(data: bytes, source: str) -> tuple[dict[str, Tensor], dict[
     if saved is None:
         raise CheckpointError(
             f"{source} has metadata {sorted(header)}, expected {FORMAT!r}: it was written by "
-            "another "
-            "program or another version of swarmdata, or it is damaged."
+            "another program or another version of swarmdata, or it is damaged."
         )
     text = saved.get("metadata", "")
     if _digest(tensors, text) != saved.get("sha256"):

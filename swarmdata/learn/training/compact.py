@@ -1,9 +1,8 @@
 """Makes the checkpoint of a finished run small: it keeps what policies are made of.
 
-A checkpoint holds critics, targets, optimizers' moments and generators as well. Which tensors a
-policy is made of is found by trying: one that can be exchanged for that of an untrained algorithm
-without changing any policy is not needed. Policies are compared field by field, as dataclasses;
-those of an algorithm of one's own that are none keep the whole checkpoint.
+That is found by trying: a tensor that can be exchanged for that of an untrained algorithm without
+changing any policy is not needed. Policies are compared field by field, as dataclasses; those of an
+algorithm of one's own that are none keep the whole checkpoint.
 """
 
 from collections.abc import Mapping, Sequence

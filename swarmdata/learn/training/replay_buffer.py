@@ -2,9 +2,8 @@
 
 A row holds one step of all copies: [K, E, record], a record being a joint transition. The newest
 `capacity` rows are drawn from; `margin` more rows lie in the ring, so that a run may write that
-many after a checkpoint and be killed: the rows that the checkpoint draws from are still there, and
-the resumed run writes the later ones again. A checkpoint keeps the position and a checksum of each
-row (CRC-32), with which `load_state_dict` makes sure that it found the same rows.
+many after a checkpoint and be killed. A checkpoint keeps the position and a CRC-32 of each row,
+with which `load_state_dict` makes sure that it found the same rows.
 """
 
 import os
@@ -28,11 +27,7 @@ REPLAY_FILE = "replay.f32"
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """Sizes of a replay.
-
-    Raises:
-        SchemaError: a number is too small.
-    """
+    """Sizes of a replay; SchemaError if a number is too small."""
 
     sizes: Sizes
     n_seeds: int  # K
@@ -70,9 +65,7 @@ class Shape:
 class Replay:
     """The transitions that K seeds met, the newest `capacity` rows of them.
 
-    Args:
-        folder: where the ring file lies; made if absent. A ring that is there already is kept
-            until it is written to, for `load_state_dict`.
+    A ring that is in the folder already is kept until it is written to, for `load_state_dict`.
 
     Raises:
         CheckpointError: the folder has the ring of another run.
@@ -89,11 +82,7 @@ class Replay:
         return min(self.n_written, self.shape.capacity)
 
     def append(self, batch: Batch) -> None:
-        """Writes one row over the oldest.
-
-        Args:
-            batch: one step of all copies, arrays [K, E, ...]; next observations and states are
-                those of the step reached, before any reset.
+        """Writes one step of all copies, arrays [K, E, ...], over the oldest row.
 
         Raises:
             SchemaError: a field has another shape.
@@ -120,10 +109,6 @@ class Replay:
 
     def sample(self, generators: Sequence[torch.Generator], batch_size: int) -> Batch:
         """Draws transitions uniformly, with replacement; tensors [K, B, ...].
-
-        Args:
-            generators: one per seed, [K], on the CPU.
-            batch_size: transitions of each seed, B.
 
         Raises:
             SchemaError: nothing has been written yet.

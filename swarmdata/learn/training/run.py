@@ -82,11 +82,7 @@ class Run(Generic[D]):
         return Table(self.folder / name, columns, last, (self.description.CLOCK, who))
 
     def log(self, table: "Table", now: int, rows: Sequence[Mapping[str, float]]) -> None:
-        """Adds a row for each seed.
-
-        Raises:
-            DivergedError: a number is not finite; then no row is added.
-        """
+        """Adds a row for each seed; DivergedError, and no row, if a number is not finite."""
         for seed, row in zip(self.description.seeds, rows, strict=True):
             self.check_finite(row, f"the losses of seed {seed}", now)
         for seed, row in zip(self.description.seeds, rows, strict=True):
@@ -101,7 +97,7 @@ class Run(Generic[D]):
         keep: bool = False,
         **metadata: Any,
     ) -> None:
-        """Writes a checkpoint over the last one.
+        """Writes a checkpoint of the algorithm's `state`, and `others` beside it, over the last.
 
         Args:
             now: updates, or joint steps of each seed, so far.
@@ -124,11 +120,7 @@ class Run(Generic[D]):
             save_checkpoint(path, {**tensors, **(others or {})}, metadata)
 
     def check_finite(self, values: Mapping[str, Any], what: str, now: int) -> None:
-        """Checks that there are no infinite and no undefined numbers.
-
-        Raises:
-            DivergedError: there are some; the message names them, and what was kept.
-        """
+        """Raises DivergedError, which names them, if there are infinite or undefined numbers."""
         wrong = [f"{name} is {_shown(v)}" for name, v in values.items() if not _is_finite(v)]
         if wrong:
             more = f", and {len(wrong) - 3} more" if len(wrong) > 3 else ""
@@ -141,13 +133,7 @@ class Run(Generic[D]):
 
     @contextmanager
     def bar(self, total: int, *, shown: bool, **options: Any) -> Iterator["tqdm[Any]"]:
-        """A bar on standard error, if that is a terminal; Ctrl-C says how to go on.
-
-        Args:
-            total: updates, or joint steps of each seed, in all.
-            shown: whether to show it.
-            **options: of `tqdm`.
-        """
+        """A bar on standard error, if that is a terminal; Ctrl-C says how to go on."""
         hidden = None if shown else True  # None: hidden where there is no terminal
         with tqdm(total=total, initial=self.now, disable=hidden, **options) as bar:
             try:
@@ -165,12 +151,7 @@ class Run(Generic[D]):
 def claimed(folder: Path, description: D, *, shown: bool) -> Iterator[Run[D]]:
     """Yields the run of a folder, which is made this run's, or checked to be it.
 
-    Where another process trains in the folder, this one waits for it.
-
-    Args:
-        folder: made if absent.
-        description: of the run.
-        shown: whether to say at once that this process waits.
+    Where another process trains in the folder, this one waits for it, and says so if `shown`.
 
     Raises:
         OutputError: the folder has files and holds no run.
@@ -195,11 +176,7 @@ def kept_path(folder: Path, update: int) -> Path:
 
 
 def versions(*, is_compiled: bool = False) -> dict[str, str]:
-    """Versions of what the bits of a run depend on.
-
-    Args:
-        is_compiled: whether torch.compile makes the kernels, which round differently.
-    """
+    """Versions of what the bits of a run depend on; torch.compile's kernels round differently."""
     compiler = {"inductor": torch.__version__} if is_compiled else {}
     return compiler | {
         "swarmdata": __version__,
@@ -212,10 +189,7 @@ def versions(*, is_compiled: bool = False) -> dict[str, str]:
 class Table:
     """A CSV file of a run: rows are appended, and dropped beyond the time a run resumes from.
 
-    Args:
-        columns: names after the first two.
-        last: rows of a later time are dropped.
-        keys: names of the first two: what counts the time, and who the row is about.
+    `keys` name the first two columns: what counts the time, and who the row is about.
     """
 
     def __init__(

@@ -51,10 +51,7 @@ CURVE_METRICS = ("return", "success", "clean_success")
 
 
 def run_folders(folder: Path) -> tuple[Path, ...]:
-    """Returns the folder itself if it is a run, else the runs of several processes inside it.
-
-    The latter are in the order of their seeds: `seeds-2` is before `seeds-10`.
-    """
+    """Returns the folder itself if it is a run, else the runs inside it, ordered by their seeds."""
     inside = sorted(folder.glob(f"seeds-*/{CONFIG}"), key=_by_seeds)
     files = [folder / CONFIG] if (folder / CONFIG).exists() else inside
     return tuple(file.parent for file in files)
@@ -116,10 +113,7 @@ def _by_seeds(config: Path) -> tuple[int, ...]:
 
 
 def is_online(folder: Path) -> bool:
-    """Whether a run folder is of online training, which has no dataset.
-
-    The algorithm's name does not tell: `vdn` and `qmix` exist both offline and online.
-    """
+    """Whether a run folder is of online training; `vdn` and `qmix` exist offline and online."""
     config = folder / CONFIG
     return config.exists() and "dataset" not in read_document(config)
 
@@ -146,11 +140,7 @@ def saved_frames(folder: Path, seed: int) -> list[int]:
 
 
 def last_policy_path(folder: Path, seed: int) -> Path:
-    """The newest policy of a seed.
-
-    Raises:
-        BuildError: the run has not reached a checkpoint yet.
-    """
+    """The newest policy of a seed; BuildError if the run has not reached a checkpoint yet."""
     found = saved_policies(folder, seed)
     if not found:
         raise BuildError(

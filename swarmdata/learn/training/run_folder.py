@@ -16,11 +16,7 @@ from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.run import Count, Description, kept_path
-from swarmdata.learn.training.run_files import (
-    CHECKPOINT,
-    CONFIG,
-    KEPT,
-)
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
 from swarmdata.learn.training.settings import from_json
 from swarmdata.perception.frames import Frame, current_fields
 from swarmdata.perception.observer import features_of
@@ -90,12 +86,7 @@ class OfflineRun(Description):
 
 
 def read_run(folder: Path) -> OfflineRun:
-    """Reads a run folder's `config.json`.
-
-    Raises:
-        CheckpointError: there is none.
-        SpecError: it is malformed.
-    """
+    """Reads a run folder's `config.json`; CheckpointError if there is none, SpecError if wrong."""
     path = folder / CONFIG
     try:
         return OfflineRun.from_file(path)
@@ -174,13 +165,7 @@ def kept_updates(folder: Path) -> tuple[int, ...]:
 
 
 def restore(algorithm: Algorithm, state: Mapping[str, Any], *, is_compact: bool = False) -> None:
-    """Gives an untrained algorithm the state of a checkpoint.
-
-    Args:
-        algorithm: as it was built.
-        state: what its `state_dict` returned; of a compact checkpoint, what its policies need.
-        is_compact: whether the rest is to stay as it was built.
-    """
+    """Gives an untrained algorithm the state of a checkpoint; what a compact one lacks stays."""
     algorithm.load_state_dict({**(algorithm.state_dict() if is_compact else {}), **state})
 
 

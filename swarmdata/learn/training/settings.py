@@ -1,11 +1,8 @@
 """Settings of algorithms: overrides as given on a command line, and spaces that `tune` draws from.
 
 Settings that belong together may be a section of a config, a dataclass of their own:
-`--set section.key=value`, or a table `section:` in a YAML file.
-
-An algorithm declares its space beside its config, as `SPACE`: a table of the settings that depend
-on the data, with an interval or a list of values for each. All other settings keep their defaults,
-and so does the cost of an update, so that trials of an algorithm are equally long.
+`--set section.key=value`, or a table `section:` in a YAML file. An algorithm declares its space
+beside its config, as `SPACE`; all other settings keep their defaults.
 """
 
 import dataclasses
@@ -178,11 +175,7 @@ Space = Mapping[str, LogUniform | Choice]
 
 
 def space_of(kind: Any, name: str) -> Space:
-    """Returns the search space of an algorithm.
-
-    Raises:
-        SchemaError: it declares none.
-    """
+    """Returns the search space of an algorithm; SchemaError if it declares none."""
     space: Space | None = getattr(kind, "SPACE", None)
     if not space:
         raise SchemaError(

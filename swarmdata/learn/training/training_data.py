@@ -2,12 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, cast, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
-from swarmdata.learn.networks.dataset_statistics import Episodes, step_weights
+from swarmdata.learn.networks.dataset_statistics import Episodes
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.origins import Spec
 from swarmdata.types import Batch, Double, Episode, Int, Wanted
@@ -38,23 +37,14 @@ class Data(Episodes, Protocol):
     def own_spec(self) -> Spec: ...  # as recorded
     def __len__(self) -> int: ...  # episodes
     def sampler(
-        self,
-        batch_size: int,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int,
+        self, batch_size: int, *, horizon: int | None = None, burn_in: int | None = None, seed: int
     ) -> Sampler: ...
     def filter(self, *, min_return: float) -> "Data": ...  # episodes of at least this team return
 
 
 @runtime_checkable
 class Selective(Protocol):
-    """A config of an algorithm that learns from the best episodes only.
-
-    The trainer asks it once, before it measures statistics and draws batches, and the run's
-    `min_return` keeps the answer: `dataset.filter(min_return=...)` is what was learned from.
-    """
+    """A config of an algorithm that learns from the best episodes only, asked once, at first."""
 
     def least_return(self, returns: Double) -> float:
         """Returns the least team return that is learned from, of those of all episodes, [n]."""
@@ -67,7 +57,7 @@ N_MEASURED = 20_000
 
 def framed(data: Data, frame: Frame | None) -> Data:
     """Returns the same data with observations and actions in a frame; as they are without one."""
-    return data if frame is None else _FramedData(data, frame)
+    return data if frame is None else cast("Data", _FramedData(data, frame))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +67,7 @@ class _Moments:
 
 
 class _FramedData:
-    """Implements `Data`. Episodes that are read whole stay in the world's frame."""
+    """Implements `Data`; all else is the data's, whole episodes in the world's frame."""
 
     def __init__(self, data: Data, frame: Frame) -> None:
         self._data, self._frame = data, frame
@@ -85,70 +75,34 @@ class _FramedData:
         observations = sampler.gather(sampler.draw()).observations.astype(np.float64)
         self.moments = _Moments(observations.mean((0, 1)), observations.std((0, 1)))
 
-    @property
-    def id(self) -> str:
-        return self._data.id
-
-    @property
-    def digest(self) -> str:
-        return self._data.digest
-
-    @property
-    def view(self) -> str | None:
-        return self._data.view
-
-    @property
-    def spec(self) -> Spec:
-        return self._data.spec
-
-    @property
-    def own_spec(self) -> Spec:
-        return self._data.own_spec
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._data, name)
 
     def __len__(self) -> int:
         return len(self._data)
 
-    def step_weights(self) -> Double | None:
-        return step_weights(self._data)
-
     def __iter__(self) -> Iterator[Episode]:
         return iter(self._data)
 
-    def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
-        return self._data.read(*names)
-
-    def sampler(
-        self,
-        batch_size: int,
-        *,
-        horizon: int | None = None,
-        burn_in: int | None = None,
-        seed: int,
-    ) -> Sampler:
-        sampler = self._data.sampler(batch_size, horizon=horizon, burn_in=burn_in, seed=seed)
-        return _FramedSampler(sampler, self._frame)
+    def sampler(self, batch_size: int, **options: Any) -> Sampler:
+        sampler = _FramedSampler(self._data.sampler(batch_size, **options), self._frame)
+        return cast("Sampler", sampler)
 
     def filter(self, *, min_return: float) -> Data:
-        return _FramedData(self._data.filter(min_return=min_return), self._frame)
+        return framed(self._data.filter(min_return=min_return), self._frame)
 
 
 class _FramedSampler:
-    """Implements `Sampler`."""
+    """Implements `Sampler`; all else is that of the data's."""
 
     def __init__(self, sampler: Sampler, frame: Frame) -> None:
         self._sampler, self._frame = sampler, frame
 
-    def draw(self) -> Int:
-        return self._sampler.draw()
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._sampler, name)
 
     def gather(self, index: Int, wanted: Wanted = None) -> Batch:
         if wanted is not None:  # actions are turned by what is observed
             wanted = {*wanted, "observations"}
             wanted |= {"next_observations"} if "next_actions" in wanted else set()
         return self._frame.turned(self._sampler.gather(index, wanted))
-
-    def state_dict(self) -> dict[str, int]:
-        return self._sampler.state_dict()
-
-    def load_state_dict(self, state: Mapping[str, int]) -> None:
-        self._sampler.load_state_dict(state)

@@ -34,15 +34,8 @@ def test_no_action_beats_the_best_choice(n_bins: int, seed: int) -> None:
     generator = torch.Generator().manual_seed(seed)
     utilities = torch.randn(50, 2, n_bins, generator=generator)
     actions = torch.rand(50, 2, generator=generator) * 3 - 1.5
-    best = bins.chosen(utilities, bins.greedy(utilities))
+    best = bins.chosen(utilities, utilities.argmax(-1))
     assert (interpolated(utilities, actions) <= best + 1e-5).all()
-
-
-def test_outputs_are_read_dimension_by_dimension() -> None:
-    utilities = bins.by_dimension(torch.arange(12.0).view(1, 2, 6), 3)
-    assert utilities.shape == (1, 2, 2, 3)
-    assert utilities[0, 1, 0].tolist() == [6.0, 7.0, 8.0]
-    assert bins.greedy(utilities).tolist() == [[[2, 2], [2, 2]]]
 
 
 def made(parameters: Any = "shared", frame: Frame | None = None) -> BinPolicy:

@@ -12,7 +12,6 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.choices.choice_actor import ChoiceActor
 from swarmdata.learn.memory.memory_settings import MemorySettings
-from swarmdata.learn.policies.choice_policy import ChoicePolicy
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.testing.sample_batches import (
@@ -121,19 +120,6 @@ def test_policies_with_a_memory_take_the_likeliest_choices() -> None:
         for t in range(length):
             actions = policy.act(step._replace(observations=observations[t]))
             np.testing.assert_array_equal(actions, expected[seed, :, t].numpy())
-
-
-def test_a_mask_leaves_the_likeliest_of_what_is_allowed() -> None:
-    policy, step = policy_of(made(), 0), sample_step()
-    assert isinstance(policy, ChoicePolicy)
-    allowed = np.ones((5, N_AGENTS, 6), np.bool_)
-    free = policy.act(step)
-    allowed[np.arange(5), 0, free[:, 0, 0].astype(int)] = False
-
-    masked = policy.act_among(step, allowed)
-
-    assert (masked[:, 0, 0] != free[:, 0, 0]).all()
-    np.testing.assert_array_equal(masked[:, 1:], free[:, 1:])
 
 
 def test_settings_that_would_be_ignored_are_refused() -> None:

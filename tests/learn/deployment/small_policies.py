@@ -36,10 +36,10 @@ class Case:
     def __str__(self) -> str:
         return "-".join((self.algorithm, *self.settings.values(), self.anchor))
 
-    def trained(self, tiny: Dataset, folder: Path) -> tuple[Any, Dataset]:
+    def trained(self, data: Dataset, folder: Path) -> tuple[Any, Dataset]:
         """The policy and the dataset with what its robots heard."""
         chosen = self.communication
-        dataset = tiny if chosen is None else tiny.reobserve(communication=chosen)
+        dataset = data if chosen is None else data.reobserve(communication=chosen)
         return trained(self.algorithm, dataset, folder, self.anchor, **self.settings), dataset
 
 
@@ -73,23 +73,16 @@ def with_own_networks(kind: str, dataset: Dataset) -> Any:
     """An actor, or a policy of bins, whose robots have networks of their own with drawn weights."""
     import torch
 
-    from swarmdata.learn.networks.perceptrons import Layer
+    from swarmdata.learn.networks.perceptrons import MLPShape
+    from swarmdata.learn.networks.team_networks import Team
     from swarmdata.learn.policies.choice_policy import BinPolicy
     from swarmdata.learn.policies.torch_policy import TorchPolicy
 
-    generator = torch.Generator().manual_seed(0)
     frame, n = frame_of(dataset.spec, "target"), dataset.spec.n_agents
     assert frame is not None
     size = dataset[0].observations.shape[2] + frame.n_added
-    outputs = 2 if kind == "actor" else 2 * 5
-
-    def drawn(*shape: int) -> Any:
-        return torch.randn(shape, generator=generator, dtype=torch.float64) / shape[-2] ** 0.5
-
-    layers = [
-        Layer(drawn(n, size, 8), drawn(n, 1, 8)),
-        Layer(drawn(n, 8, outputs), drawn(n, 1, outputs)),
-    ]
+    shape = MLPShape(size, (8,), 2 if kind == "actor" else 2 * 5)
+    layers = Team(shape, n, [0], 0, parameters="separate", device="cpu").extract(0)
     mean, std = torch.zeros(size).double(), torch.ones(size).double()
     if kind == "actor":
         return TorchPolicy(layers, mean, std, True, frame, parameters="separate")

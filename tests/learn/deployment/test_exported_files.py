@@ -106,13 +106,13 @@ def check(policy: Any, dataset: Dataset, path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["actor", "bins"])
-def test_robots_with_networks_of_their_own(kind: str, tiny: Dataset, path: Path) -> None:
-    check(with_own_networks(kind, tiny), tiny, path)
+def test_robots_with_networks_of_their_own(kind: str, data: Dataset, path: Path) -> None:
+    check(with_own_networks(kind, data), data, path)
 
 
 @pytest.mark.parametrize("case", CASES, ids=str)
-def test_a_robot_acts_as_in_the_team(case: Case, tiny: Dataset, path: Path) -> None:
-    check(*case.trained(tiny, path.parent), path)
+def test_a_robot_acts_as_in_the_team(case: Case, data: Dataset, path: Path) -> None:
+    check(*case.trained(data, path.parent), path)
 
 
 @pytest.mark.parametrize("n_unicycles", [2, 4])
@@ -121,44 +121,44 @@ def test_a_unicycle_acts_in_the_frame_of_its_heading(n_unicycles: int, path: Pat
     check(trained("bc", dataset, path.parent, "auto"), dataset, path)
 
 
-def test_a_robot_remembers(tiny: Dataset, path: Path) -> None:
+def test_a_robot_remembers(data: Dataset, path: Path) -> None:
     from swarmdata.envs.world.task_env import TaskEnv
 
-    policy = trained("bc", tiny, path.parent, "target", memory="gru", window=4)
-    act, about = exported(policy, tiny, path)
-    env = TaskEnv(make_task(tiny.task), 3)
+    policy = trained("bc", data, path.parent, "target", memory="gru", window=4)
+    act, about = exported(policy, data, path)
+    env = TaskEnv(make_task(data.task), 3)
     step = env.reset(np.arange(3, dtype=np.uint64))
     policy.reset(step, np.arange(3))
-    memory = [np.zeros((3, about["memory"]), np.float32)] * tiny.spec.n_agents
+    memory = [np.zeros((3, about["memory"]), np.float32)] * data.spec.n_agents
     for _ in range(6):
         actions = policy.act(step)
-        for robot in range(tiny.spec.n_agents):
+        for robot in range(data.spec.n_agents):
             found, memory[robot] = act(step.observations[:, robot], robot, memory[robot])
             np.testing.assert_allclose(found, actions[:, robot], rtol=0, atol=1e-5)
         step = env.step(actions)
     assert all(np.abs(each).max() > 0 for each in memory)
 
 
-def test_what_does_not_fit_is_refused(tiny: Dataset, path: Path) -> None:
-    policy, export = with_own_networks("actor", tiny), export_to(path)
-    few = {**names_of(tiny), "features": [["a"]] * tiny.spec.n_agents}
+def test_what_does_not_fit_is_refused(data: Dataset, path: Path) -> None:
+    policy, export = with_own_networks("actor", data), export_to(path)
+    few = {**names_of(data), "features": [["a"]] * data.spec.n_agents}
     with pytest.raises(ConversionError, match="features, got names of 1"):
         export(policy, path, about={}, **few)
-    flow = trained("bc_flow", tiny, path.parent / "flow", "target")
+    flow = trained("bc_flow", data, path.parent / "flow", "target")
     with pytest.raises(PolicyFitError, match="FlowPolicy cannot be exported"):
-        export(flow, path, about={}, **names_of(tiny))
+        export(flow, path, about={}, **names_of(data))
     path.write_text("mine")
     with pytest.raises(ConversionError, match="exists already"):
-        export(policy, path, about={}, **names_of(tiny))
+        export(policy, path, about={}, **names_of(data))
     assert path.read_text() == "mine"
 
 
 def test_an_operation_that_numpy_lacks_is_named(
-    tiny: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    data: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from swarmdata.learn.deployment import numpy_file
 
     monkeypatch.delitem(numpy_file.TRANSLATIONS, "tanh")
     with pytest.raises(PolicyFitError, match=r"aten\.tanh.*Export it as ONNX"):
-        exported(with_own_networks("actor", tiny), tiny, tmp_path / "other.py")
+        exported(with_own_networks("actor", data), data, tmp_path / "other.py")
     assert not (tmp_path / "other.py").exists()

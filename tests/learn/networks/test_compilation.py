@@ -10,7 +10,7 @@ from torch import Tensor
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import CheckpointError, ProgramError, SchemaError
 from swarmdata.learn.networks import compilation
-from swarmdata.learn.networks.compilation import compilable, compiling, has_compilable, uncompiled
+from swarmdata.learn.networks.compilation import compilable, compiling, uncompiled
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.training.run_folder import read_run
 from swarmdata.learn.training.trainer import train_seeds
@@ -89,11 +89,6 @@ def test_what_does_not_compile_is_one_clear_error(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(ProgramError, match=r"install g\+\+ or clang.*train without"), compiling():
         raise AssertionError("not reached")
     assert distances(torch.ones(2), 1.0).sum() == 0  # and it is switched off again
-
-
-def test_classes_say_whether_they_have_something_to_compile() -> None:
-    assert has_compilable(BC)
-    assert not has_compilable(StackedMLP)
 
 
 @pytest.mark.slow

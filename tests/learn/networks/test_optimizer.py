@@ -7,7 +7,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.optimizer import Descent, StackedAdam, clip_per_seed, cosine, linear
-from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp
+from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize, mlp, n_parameters
 
 SHAPE = MLPShape(3, (8,), 2)
 
@@ -49,8 +49,8 @@ def test_a_seed_has_the_bits_of_a_lone_one(n_seeds: int) -> None:
     """Rows of 57 numbers begin and end anywhere in vectors, and Adam rounds all alike."""
     shape = MLPShape(3, (9,), 2, layer_norm=True)
     generator = torch.Generator().manual_seed(0)
-    flat, alone = torch.randn(n_seeds, shape.n_parameters, generator=generator), []
-    gradients = torch.randn(40, n_seeds, shape.n_parameters, generator=generator)
+    flat, alone = torch.randn(n_seeds, n_parameters(shape), generator=generator), []
+    gradients = torch.randn(40, n_seeds, n_parameters(shape), generator=generator)
     for rows in [slice(0, n_seeds), *(slice(k, k + 1) for k in range(n_seeds))]:
         network = StackedMLP(shape, rows.stop - rows.start, "cpu")
         network.flat.copy_(flat[rows])

@@ -1,4 +1,4 @@
-"""Networks of a team: shared or separate, the same in any stack, and in a policy's hands."""
+"""Networks of a team: shared or separate, and the same in any stack."""
 
 from typing import Any
 
@@ -8,8 +8,6 @@ import torch
 
 from swarmdata.learn.networks.perceptrons import MLPShape
 from swarmdata.learn.networks.team_networks import Team, answer, from_rows, to_rows
-from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.perception.frames import Frame, in_world
 
 SHAPE = MLPShape(5, (6,), 2)
 FEATURES = torch.randn(2, 7, 3, 5, generator=torch.Generator().manual_seed(0))
@@ -54,39 +52,3 @@ def test_a_seed_answers_the_same_in_any_stack_and_alone(parameters: Any) -> None
         torch.testing.assert_close(alone(FEATURES[index : index + 1])[0], outputs[index])
         exact = answer(team.extract(index), FEATURES[index].double(), parameters)
         torch.testing.assert_close(exact.float(), outputs[index])
-
-
-def policy(parameters: Any, frame: Frame | None = None) -> TorchPolicy:
-    size = 5 if frame is None else 7
-    team = Team(MLPShape(size, (6,), 2), 3, [1], 0, parameters=parameters, device="cpu")
-    return TorchPolicy(
-        layers=team.extract(0),
-        observation_mean=torch.zeros(size, dtype=torch.float64),
-        observation_std=torch.full((size,), 2.0, dtype=torch.float64),
-        squash=True,
-        frame=frame,
-        parameters=parameters,
-    )
-
-
-def test_a_policy_of_a_frame_sees_and_acts_in_it() -> None:
-    frame = Frame(anchor=0, vectors=(0, 3), closing=())
-    ours = policy("shared", frame)
-    observations = FEATURES[0].numpy()
-    local = answer(ours.layers, torch.from_numpy(frame.inputs(observations)).double() / 2, "shared")
-    expected = frame.to_world(observations, local.tanh().numpy())
-    norms = np.maximum(np.linalg.norm(expected, axis=-1, keepdims=True), 1)
-    np.testing.assert_allclose(ours.actions(observations), expected / norms, atol=1e-6)
-
-
-def test_turned_actions_keep_their_direction_and_stay_in_the_box() -> None:
-    """A corner of the box has norm 1.4; the worlds clip norms, so the policy does, not axes."""
-    frame = Frame(anchor=0, vectors=(0,), closing=())
-    observations = np.array([[[0.6, 0.8]]], np.float32)
-    action = in_world(frame, observations, np.array([[[1.0, 1.0]]]))
-    np.testing.assert_allclose(action[0, 0], frame.to_world(
-        observations, np.array([[[1.0, 1.0]]])
-    )[0, 0] / 2**0.5, atol=1e-6)  # fmt: skip
-    assert np.abs(action).max() <= 1
-    straight = in_world(None, observations, np.array([[[1.0, 1.0]]]))
-    assert straight.tolist() == [[[1.0, 1.0]]]

@@ -53,12 +53,3 @@ def test_noise_is_a_function_of_the_seed_and_has_the_given_deviation() -> None:
     np.testing.assert_array_equal(made(noise_scale=0.25).draw(step), 0.25 * noise)
     reversed_step = Step._make(field[::-1] for field in step)
     np.testing.assert_array_equal(made().draw(reversed_step), noise[::-1])
-
-
-def test_an_action_is_certain_given_the_noise() -> None:
-    policy, step = made(), step_of()
-    actions = policy.act(step)
-    assert not policy.log_probs(step, actions).any()
-    assert np.isneginf(policy.log_probs(step, actions * np.float32(0.5))).all()
-    again = Step._make(step)  # another object: nothing is remembered of it
-    assert not policy.log_probs(again, actions).any()

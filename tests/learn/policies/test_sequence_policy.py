@@ -10,8 +10,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import PolicyFitError, SchemaError
 from swarmdata.learn.deployment.robot_step import robot_step
 from swarmdata.learn.evaluation.transitions import actions_of
-from swarmdata.learn.memory.sequence_actor import told_actions
-from swarmdata.learn.memory.sequence_networks import Mixture
+from swarmdata.learn.memory.sequence_networks import Mixture, told_actions
 from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import make_env

@@ -40,9 +40,7 @@ def test_folded_networks_answer_as_the_layers_do(
 ) -> None:
     acting = policy(parameters, hidden, norm=norm)
     observations = np.random.default_rng(0).standard_normal((7, N_AGENTS, N_FEATURES), np.float32)
-    outputs = outputs_of(
-        acting.layers, observations, acting.observation_mean, acting.observation_std, parameters
-    )
+    outputs = outputs_of(acting, observations)
     np.testing.assert_allclose(
         acting.actions(observations), outputs.tanh().numpy(), rtol=0, atol=6e-8
     )

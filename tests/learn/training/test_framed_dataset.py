@@ -82,10 +82,6 @@ def test_windows_are_turned_step_by_step(data: Dataset, frame: Frame) -> None:
     np.testing.assert_allclose(back, world.actions[mask] / norm, atol=1e-6)
 
 
-def test_without_a_frame_it_is_the_data(data: Dataset) -> None:
-    assert framed(data, None) is data
-
-
 def test_observations_are_normalized_as_they_are_seen(data: Dataset, frame: Frame) -> None:
     whole = framed(data, frame)
     measured = Statistics.measure(whole, 0.9)

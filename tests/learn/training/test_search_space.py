@@ -6,13 +6,7 @@ from itertools import islice
 import pytest
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.settings import (
-    Choice,
-    LogUniform,
-    Space,
-    drawn_settings,
-    space_of,
-)
+from swarmdata.learn.training.settings import Choice, LogUniform, Space, drawn_settings, space_of
 
 SPACE: Space = {"rate": LogUniform(1e-4, 1e-2), "kind": Choice(("a", "b", "c"))}
 

@@ -25,7 +25,8 @@ from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from swarmdata.types import Batch, Episode, no_messages
+from swarmdata.types import Batch
+from tests.support.made_episodes import made_episode
 from tests.support.memory_dataset import MemoryDataset
 from tests.support.pairs import slow
 
@@ -55,26 +56,13 @@ SETTINGS: dict[str, dict[str, Any]] = {
 
 def dataset() -> MemoryDataset:
     rng = np.random.default_rng(0)
-    steps = 9
-    last = np.arange(steps) == steps - 1
     episodes = [
-        Episode(
-            observations=rng.normal(size=(steps + 1, 2, 5)).astype("f4"),
-            states=rng.normal(size=(steps + 1, 6)).astype("f4"),
-            actions=rng.uniform(-1, 1, (steps, 2, 2)).astype("f4"),
-            log_probs=np.zeros((steps, 2), dtype="f4"),
-            rewards=rng.normal(size=(steps, 2)).astype("f4"),
-            terminations=last,
-            truncations=np.zeros(steps, dtype=np.bool_),
-            events=np.zeros((steps, 2, 4), dtype=np.uint8),
-            **no_messages(steps + 1, 2),
-            layout=np.zeros((0, 8), dtype=np.float32),
-            seed=i,
-            policy=0,
-            end_reason=0,
+        made_episode(
+            rng.normal(size=(10, 2, 5)), rng.normal(size=(10, 6)), rng.uniform(-1, 1, (9, 2, 2)),
+            rng.normal(size=(9, 2)), ends=True, seed=number,
         )
-        for i in range(6)
-    ]
+        for number in range(6)
+    ]  # fmt: skip
     return MemoryDataset(episodes)
 
 
@@ -85,8 +73,7 @@ def config_of(algorithm: str, **changes: Any) -> Any:
 
 def size_of_first_layer(policy: Policy) -> Mapping[str, float]:
     assert isinstance(
-        policy,
-        TorchPolicy | ChoicePolicy | FlowPolicy | LatentPolicy | SequencePolicy,
+        policy, TorchPolicy | ChoicePolicy | FlowPolicy | LatentPolicy | SequencePolicy
     )
     return {"norm": float(policy.layers[0].weight.norm()), "count": 1.0}
 

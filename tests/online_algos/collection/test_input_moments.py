@@ -5,15 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 import pytest
 
-torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from swarmdata.errors import SchemaError  # noqa: E402
-from swarmdata.learn.networks.network_inputs import generators  # noqa: E402
-from swarmdata.online_algos.collection.input_moments import measure_moments  # noqa: E402
-from swarmdata.online_algos.collection.training_worlds import Worlds  # noqa: E402
-from swarmdata.perception.frames import find_frame  # noqa: E402
-from swarmdata.registry.components import make_env  # noqa: E402
-from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
+from swarmdata.errors import SchemaError
+from swarmdata.learn.networks.network_inputs import generators
+from swarmdata.online_algos.collection.input_moments import measure_moments
+from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.perception.frames import find_frame
+from swarmdata.registry.components import make_env
+from swarmdata.specs.task_spec import TaskSpec
 
 SPEC = TaskSpec(horizon=12)
 

@@ -3,8 +3,6 @@
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.errors import SchemaError
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.perception.frames import find_frame

@@ -6,35 +6,34 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
+import torch
 
-torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from swarmdata.datasets.dataset import Dataset  # noqa: E402
-from swarmdata.errors import CheckpointError, SchemaError, SpecError  # noqa: E402
-from swarmdata.evaluation.runs import train as training  # noqa: E402
-from swarmdata.evaluation.runs.train import train_online  # noqa: E402
-from swarmdata.learn.networks.critics import RobotCritics  # noqa: E402
-from swarmdata.learn.training.compact import compact  # noqa: E402
-from swarmdata.learn.training.run_files import CHECKPOINT, read_table  # noqa: E402
-from swarmdata.learn.training.run_folder import load_run  # noqa: E402
-from swarmdata.learn.training.settings import override  # noqa: E402
-from swarmdata.learn.training.trainer import train_seeds  # noqa: E402
-from swarmdata.online_algos.continuation.offline_start import read_start  # noqa: E402
-from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig  # noqa: E402
-from swarmdata.online_algos.runs import online_training  # noqa: E402
-from swarmdata.online_algos.runs.online_training import measure, read_online_run  # noqa: E402
-from swarmdata.perception.observer import features_of  # noqa: E402
-from swarmdata.registry.components import (  # noqa: E402
+from swarmdata.datasets.dataset import Dataset
+from swarmdata.errors import CheckpointError, SchemaError, SpecError
+from swarmdata.evaluation.runs import train as training
+from swarmdata.evaluation.runs.train import train_online
+from swarmdata.learn.networks.critics import RobotCritics
+from swarmdata.learn.training.compact import compact
+from swarmdata.learn.training.run_files import CHECKPOINT, read_table
+from swarmdata.learn.training.run_folder import load_run
+from swarmdata.learn.training.settings import override
+from swarmdata.learn.training.trainer import train_seeds
+from swarmdata.online_algos.continuation.offline_start import read_start
+from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
+from swarmdata.online_algos.runs import online_training
+from swarmdata.online_algos.runs.online_training import measure, read_online_run
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import (
     OFFLINE_ALGORITHMS,
     ONLINE_ALGORITHMS,
     make_env,
     make_task,
     resolve,
 )
-from swarmdata.rollouts.function_policy import frame_of  # noqa: E402
-from swarmdata.specs.task_spec import TaskSpec  # noqa: E402
-from tests.support.pairs import slow  # noqa: E402
-from tests.support.tiny import TINY  # noqa: E402
+from swarmdata.rollouts.function_policy import frame_of
+from swarmdata.specs.task_spec import TaskSpec
+from tests.support.pairs import slow
+from tests.support.tiny import TINY
 
 SEEDS = (0, 1)
 OFFLINE: dict[str, dict[str, str]] = {

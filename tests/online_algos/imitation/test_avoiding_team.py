@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.behavior_policies.navigation.episode_maps import primitives_of
 from swarmdata.behavior_policies.navigation.robot_scales import Team
 from swarmdata.errors import SpecError

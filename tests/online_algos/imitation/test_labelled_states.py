@@ -3,9 +3,6 @@
 from pathlib import Path
 
 import pytest
-
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 import torch
 
 from swarmdata.errors import CheckpointError

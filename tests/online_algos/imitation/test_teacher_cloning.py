@@ -4,16 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from torch import Tensor
 
 from swarmdata.interfaces import Policy
+from swarmdata.online_algos.actors.sample_rows import pick
 from swarmdata.online_algos.imitation import teacher_cloning
 from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, clone_teacher, collect
 from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
-from swarmdata.online_algos.ppo.rollout_samples import pick
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.specs.state_layout import VX, robots_of
 from swarmdata.specs.task_spec import TaskSpec

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.online_algos.dagger import DAggerConfig
 from swarmdata.online_algos.imitation.teachers import TeacherSettings, make_teacher
+from swarmdata.online_algos.ppo.initial_weights import StartConfig
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.state_layout import X, Y, robots_of
@@ -51,16 +51,20 @@ def test_a_teacher_with_a_margin_keeps_robots_farther_apart() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("kind", "wrong", "message"),
     [
-        ({"teacher_margin": -0.1}, "teacher_margin is -0.1 m"),
-        ({"surface_margin": -0.01}, "surface_margin is -0.01 m"),
-        ({"teacher_margin": 0.1}, "set without a teacher"),
+        (TeacherSettings, {"teacher_margin": -0.1}, "teacher_margin is -0.1 m"),
+        (TeacherSettings, {"surface_margin": -0.01}, "surface_margin is -0.01 m"),
+        (TeacherSettings, {"teacher_margin": 0.1}, "set without a teacher"),
+        (StartConfig, {"clone_rounds": 0}, "clone_rounds is 0"),
+        (StartConfig, {"clone_steps": 0}, "clone_steps is 0"),
+        (StartConfig, {"clone_noise": -0.1}, "clone_noise is -0.1"),
+        (DAggerConfig, {"teacher": ""}, "teacher is empty"),
     ],
 )
-def test_impossible_teachers_are_refused(wrong: dict[str, Any], message: str) -> None:
+def test_impossible_settings_are_refused(kind: Any, wrong: dict[str, Any], message: str) -> None:
     with pytest.raises(SpecError, match=message):
-        TeacherSettings(**wrong)
+        kind(**wrong)
 
 
 def test_policies_that_are_not_there_or_cannot_forget_are_refused() -> None:

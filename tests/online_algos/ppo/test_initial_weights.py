@@ -6,9 +6,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from torch import Tensor
 
 from swarmdata.behavior_policies.learned import Learned
@@ -150,16 +147,3 @@ def test_rounds_of_cloning_are_as_many_and_as_long_as_set(monkeypatch: pytest.Mo
     start = StartConfig(teacher="straight", clone_rounds=2, clone_steps=12, clone_noise=0.02)
     made((0,), replace(SMALL, start=start)).prepare()
     assert configs == [CloneConfig(n_rounds=2, rollout_steps=12, noise=0.02)]
-
-
-@pytest.mark.parametrize(
-    ("wrong", "message"),
-    [
-        ({"clone_rounds": 0}, "clone_rounds is 0"),
-        ({"clone_steps": 0}, "clone_steps is 0"),
-        ({"clone_noise": -0.1}, "clone_noise is -0.1"),
-    ],
-)
-def test_impossible_clones_are_refused(wrong: dict[str, Any], message: str) -> None:
-    with pytest.raises(SpecError, match=message):
-        StartConfig(**wrong)

@@ -4,13 +4,11 @@ import math
 
 import numpy as np
 import pytest
+import torch
+from torch.distributions import Normal
 
-torch = pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
-from torch.distributions import Normal  # noqa: E402
-
-from swarmdata.learn.networks.optimizer import StackedAdam  # noqa: E402
-from swarmdata.online_algos.ppo.networks import LearnedDeviation, ValueScale  # noqa: E402
+from swarmdata.learn.networks.optimizer import StackedAdam
+from swarmdata.online_algos.ppo.networks import LearnedDeviation, ValueScale
 
 
 @pytest.mark.parametrize("n_components", [1, 2])

@@ -7,8 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import BuildError
 from swarmdata.learn.policies.policy_file import load_policy

@@ -3,9 +3,6 @@
 from itertools import pairwise
 
 import numpy as np
-import pytest
-
-pytest.importorskip("torch")
 
 from swarmdata.behavior_policies.exact_actor import MAX_WEIGHT, Layer
 from swarmdata.online_algos.runs.export_policy import scale_hidden_units

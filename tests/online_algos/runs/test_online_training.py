@@ -12,8 +12,6 @@ from typing import Any
 
 import pytest
 
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from swarmdata.errors import CheckpointError, DivergedError, SwarmdataError
 from swarmdata.interfaces import VecEnv
 from swarmdata.learn.policies.policy_file import load_policy
@@ -50,6 +48,10 @@ def assert_same_run(ours: Path, theirs: Path) -> None:
         assert mine.read_bytes() == other.read_bytes()
 
 
+def interrupt(*args: Any) -> None:
+    raise KeyboardInterrupt
+
+
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The run that nothing interrupted."""
@@ -63,14 +65,14 @@ def test_an_interrupted_run_ends_as_an_uninterrupted_one(
     """Also one whose checkpoint has the form of version 0.2."""
     measure, calls = online_training.measure, []
 
-    def interrupt(*args: Any) -> dict[str, float]:
+    def fourth(*args: Any) -> dict[str, float]:
         calls.append(args)
         if len(calls) == 4:
-            raise KeyboardInterrupt
+            interrupt()
         return measure(*args)
 
     with monkeypatch.context() as patch:
-        patch.setattr(online_training, "measure", interrupt)
+        patch.setattr(online_training, "measure", fourth)
         with pytest.raises(KeyboardInterrupt):
             train_run(RUN, tmp_path)
     if has_old_checkpoint:
@@ -107,9 +109,6 @@ def test_a_run_that_is_interrupted_after_its_clone_does_not_clone_again(
     config = replace(SMALL, start=StartConfig(teacher="straight", clone_rounds=2))
     run = describe_run("mappo", config, SPEC, RUN.seeds, n_checkpoints=4, n_episodes=2)
     undisturbed = train_run(run, tmp_path / "whole")
-
-    def interrupt(*args: Any) -> None:
-        raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
         patch.setattr(MAPPO, "update", interrupt)
@@ -164,9 +163,6 @@ OTHER = describe_run("mappo", SMALL, SPEC, (0, 4), n_checkpoints=4, n_episodes=2
 def test_another_run_does_not_go_on_in_its_folder(
     whole: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*args: Any) -> None:
-        raise KeyboardInterrupt
-
     monkeypatch.setattr(MAPPO, "prepare", interrupt)
     with pytest.raises(KeyboardInterrupt):
         train_run(RUN, tmp_path)

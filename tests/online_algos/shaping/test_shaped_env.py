@@ -4,9 +4,6 @@ from functools import partial
 
 import numpy as np
 import pytest
-
-pytest.importorskip("torch", reason="online algorithms need the torch extra")
-
 from hypothesis import given, settings
 from hypothesis import strategies as st
 

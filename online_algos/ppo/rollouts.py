@@ -1,14 +1,14 @@
-"""Rollouts of on-policy algorithms, and their samples as rows of stacked networks."""
+"""Rollouts of MAPPO: samples of K seeds, and their values."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
-from torch import Tensor
 
-from swarmdata.learn.networks.team_networks import Parameters, by_network
+from swarmdata.online_algos.actors.mean_actors import Actors
 from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.online_algos.ppo.networks import Critic
 from swarmdata.specs.state_layout import N_COLUMNS, robots_of
 from swarmdata.types import Bool, Float, Int, Step
 
@@ -70,51 +70,22 @@ def pad_by_seed(values: Float, seeds: Int, n_seeds: int) -> Float:
     return padded
 
 
-def pick(values: Tensor, rows: Tensor) -> Tensor:
-    """Returns the samples [R, B, ...] of values [R, M, ...] at the indices [R, B]."""
-    n_rows, n_samples = values.shape[:2]
-    flat = rows + torch.arange(n_rows)[:, None] * n_samples
-    picked = values.flatten(0, 1).index_select(0, flat.flatten())
-    return picked.view(*rows.shape, *values.shape[2:])
+def fill_values(
+    rollout: Rollout, ends: Sequence[Step], worlds: Worlds, actors: Actors, critic: Critic
+) -> None:
+    """Writes `values` and `next_values` of a rollout whose other fields are written.
 
-
-def sample_rows(values: Tensor, parameters: Parameters) -> Tensor:
-    """Returns samples by network: shared [K, T E N, ...], separate [K N, T E, ...].
-
-    Args:
-        values: [T, K, E, N, ...].
-        parameters: whether the robots of a seed share a network.
+    `ends` are, for each step, the last steps of the episodes that ended in it; `worlds` are in the
+    step after the rollout.
     """
-    return by_network(values.transpose(0, 1).flatten(1, 2), parameters)
-
-
-def sample_segments(values: Tensor, parameters: Parameters, window: int) -> Tensor:
-    """Returns segments of `window` steps L, by network as `sample_rows`, [R, segments, L, ...].
-
-    Args:
-        values: [T, K, E, N, ...]; T is a multiple of L.
-        parameters: whether the robots of a seed share a network.
-        window: 1 gives samples of single steps.
-    """
-    segments = values.reshape(-1, window, *values.shape[1:])  # [S, L, K, E, N, ...]
-    return sample_rows(segments.movedim(1, 4), parameters)
-
-
-def minibatches(
-    generators: Sequence[np.random.Generator], n_samples: int, n_rows: int, size: int
-) -> Iterator[Tensor]:
-    """Yields each sample once, in random order, as indices [K n_rows, B] with B up to `size`.
-
-    Args:
-        generators: of the orders, one per seed, [K].
-        n_samples: of each network, M.
-        n_rows: networks of each seed; they take the same indices.
-        size: of a minibatch.
-    """
-    orders = np.stack([generator.permutation(n_samples) for generator in generators])
-    yield from torch.split(torch.from_numpy(orders.repeat(n_rows, 0)), size, 1)
-
-
-def seed_means(losses: Tensor, n_seeds: int) -> Tensor:
-    """Returns the means over all samples of each seed, [K], of losses [K n_rows, B]."""
-    return losses.view(n_seeds, -1).mean(1)
+    r = rollout
+    r.values[:] = critic.values(torch.from_numpy(r.actor_inputs), torch.from_numpy(r.states))
+    inputs = actors.inputs(worlds.observations(worlds.current_step))[None]
+    states = torch.from_numpy(worlds.grouped(critic_states(worlds.current_step)))[None]
+    r.next_values[:] = np.concatenate([r.values[1:], critic.values(inputs, states)])
+    t, k, e = np.nonzero(r.ended)
+    if len(t):
+        last = Step._make(map(np.concatenate, zip(*ends, strict=True)))
+        inputs = actors.inputs(pad_by_seed(worlds.local_observations(last), k, worlds.n_seeds))
+        states = torch.from_numpy(pad_by_seed(critic_states(last), k, worlds.n_seeds))
+        r.next_values[t, k, e] = critic.values(inputs[None], states[None])[0][k, ranks(k)]

@@ -1,0 +1,1 @@
+"""Actors of K teams that act by their means, and their samples: of MAPPO, DAgger and clones."""
