@@ -179,9 +179,7 @@ class Broadcast(Frozen):
     delay: Annotated[int, Field(ge=0, le=10**12)] = 0  # control steps
     messages_per_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # a robot can receive
     bits: Annotated[int, Field(ge=1, le=24)] | None = None  # of each value of a message
-    slots_in_step: Annotated[int, Field(ge=1, le=10**12)] | None = (
-        None  # of time, in which messages collide
-    )
+    slots_in_step: Annotated[int, Field(ge=1, le=10**12)] | None = None  # of time; see `links`
     max_age: Annotated[int, Field(ge=0, le=253)] | None = None  # steps; None: kept for ever
 
     @model_validator(mode="after")
