@@ -21,7 +21,7 @@ from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.testing.policy_contract import check_batch_invariance, check_policy
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Bool
 
 
@@ -41,7 +41,7 @@ def test_unassigned_goals_are_shared_out_by_least_squares() -> None:
 
 def test_an_assignment_stays_for_the_episode_and_other_copies() -> None:
     spec = preset("coop_nav-unassigned").with_updates(horizon=20)
-    check_batch_invariance(CoopNavController(spec), spec, make_env, 4)
+    check_policy(CoopNavController(spec), spec, make_env, n_episodes=4)
 
 
 def test_assigned_goals_are_the_generic_controllers() -> None:

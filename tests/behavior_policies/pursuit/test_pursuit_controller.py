@@ -8,7 +8,7 @@ from swarmdata.errors import SpecError
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
-from swarmdata.testing.policy_contract import check_batch_invariance
+from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Float
 
 
@@ -62,4 +62,4 @@ def test_they_are_of_one_task() -> None:
 @pytest.mark.parametrize("task", ["pursuit-n6", "pursuit-sight"])
 def test_a_reset_forgets_what_was_before(task: str) -> None:
     spec = preset(task).with_updates(horizon=30)
-    check_batch_invariance(make_policy("scripted", spec), spec, make_env, 4)
+    check_policy(make_policy("scripted", spec), spec, make_env, n_episodes=4)

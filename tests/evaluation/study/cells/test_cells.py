@@ -40,8 +40,8 @@ def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
 
 
 def test_widths_are_of_actors_and_critics_and_not_of_what_teaches_them(make_study: Make) -> None:
-    wide = {"algorithm": "mac_flow", "settings": {"flow_hidden": [4, 4]}}
-    own, wide = configs(make_study, {"mac_flow": {}, "wide": wide})
+    flow = {"algorithm": "mac_flow", "settings": {"flow_hidden": [4, 4]}}
+    own, wide = configs(make_study, {"mac_flow": {}, "wide": flow})
     assert (own["actor_hidden"], own["critic_hidden"]) == ([8], [8])
     assert own["flow_hidden"] == list(MACFlowConfig().flow_hidden)
     assert wide["flow_hidden"] == [4, 4]
