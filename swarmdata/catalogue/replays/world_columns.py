@@ -124,7 +124,8 @@ class WorldColumns:
             found.append(_group("reached", extras[:, reached:][:, :n] > 0))
         if known is not None:
             by_robot = extras[:, known:][:, : n * self.spec.n_agents] > 0
-            found.append(_group("known", by_robot.reshape(len(states), -1, n).max(axis=1)))
+            anyone = np.asarray(by_robot.reshape(len(states), -1, n).any(axis=1))
+            found.append(_group("known", anyone))
         return found
 
     def _events(self, episode: Episode) -> tuple[Group, Columns]:
