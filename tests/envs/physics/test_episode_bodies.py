@@ -66,11 +66,11 @@ def fixed(spec: TaskSpec, seed: int) -> TaskSpec:
     return spec.with_updates(team=team, randomization=Randomization())
 
 
-def play(env: VecEnv, seeds: Seeds, n_steps: int = 40) -> list[Step]:
+def play(env: VecEnv, seeds: Seeds) -> list[Step]:
     """Random commands, held for a while, that depend on the seed and the time only."""
     steps = [env.reset(seeds)]
     agents, columns = np.arange(env.spec.n_agents)[:, None], np.arange(2)
-    for t in range(n_steps):
+    for t in range(40):
         shares = uniform(derive(seeds[:, None, None], t // 8, agents, columns))
         steps += [env.step(2 * shares - 1)]
     return steps
