@@ -290,9 +290,7 @@ def _write(
     entries = {}
     hidden = None if progress else True  # None: hidden where there is no terminal
     for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
-        blocks = _blocks(source, name, shard.dtype)
-        if name in moments:
-            blocks = _observed(blocks, moments[name], train)
+        blocks = _observed(_blocks(source, name, shard.dtype), moments.get(name), train)
         entries[name] = write_shard(folder, name, shard, blocks, logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
     observation_mean, observation_std = moments["observations"].result()
@@ -320,11 +318,11 @@ def _write(
 
 
 def _observed(
-    blocks: Iterator[NDArray[Any]], moments: Moments, train: Bool
+    blocks: Iterator[NDArray[Any]], moments: Moments | None, train: Bool
 ) -> Iterator[NDArray[Any]]:
     """Passes blocks on, and shows those of train episodes to `moments`."""
-    for block, is_train in zip(blocks, train, strict=True):
-        if is_train:
+    for index, block in enumerate(blocks):
+        if moments is not None and train[index]:
             moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
         yield block
 
