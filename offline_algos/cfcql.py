@@ -143,7 +143,8 @@ class CFCQL(LossActorCritic):
     def mean_gap(self, log_density: Tensor, values: Tensor, q: Tensor) -> Tensor:
         """Returns the mean over robots of `cql_gap`, [K, 2].
 
-        The density and the values are of samples, [K, B, N, M] and [K, 2, B, N, M], q of the data.
+        Samples have log densities [K, B, N, M] and values [K, 2, B, N, M], the data's actions q,
+        [K, 2, B, N].
         """
         flat = log_density.flatten(1, 2), values.flatten(2, 3), q.flatten(2)
         return cql_gap(*flat, self.config.temperature, self.config.gap_limit)

@@ -152,8 +152,11 @@ class IQL(OfflineLearner):
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns what actors prefer of the data's actions, [K, R, N], and losses, each [K].
 
-        Actions, [K, R, N, A], and x are as critics see them; advantages u (q_i - V(x_i)), [K, R,
-        N], are what actors prefer here.
+        Args:
+            steps: transitions, [K, R, ...].
+            x: what the critics see of them.
+            actions: as the critics see them, [K, R, N, A].
+            advantages: u (q_i - V(x_i)), [K, R, N], which is what actors prefer here.
         """
         return advantages, {}
 

@@ -159,8 +159,8 @@ class Climb:
     def measure(self, samples: Tensor, noise: Tensor, value_of: Callable[[Tensor], Tensor]) -> None:
         """Takes the scales of M samples of the flow in each row, [K, B, N, M, A].
 
-        `noise` is standard normal, likewise; `value_of` gives the values [K, B, N, M] of robots'
-        actions.
+        The noise of the draws is standard normal, [K, B, N, M, A]; `value_of` gives the values
+        [K, B, N, M] of robots' actions.
         """
         variance = samples.var(3).mean((1, 2, 3)).clamp(min=1e-6)  # [K]
         spread = variance.sqrt()
@@ -170,7 +170,7 @@ class Climb:
         self.weight = 2 * self._eta * variance / (samples.shape[4] * self.slope)
 
     def loss(self, pi: Tensor, values: Tensor) -> Tensor:
-        """Returns the loss, [K], whose gradient counts, of actions and values [K, B, N]."""
+        """Returns the loss, [K], whose gradient counts, of pi [K, B, N, A] and values [K, B, N]."""
         pull = bounded_gradient(values, pi, self._limit * self.slope)
         return -self.weight * (pull * pi).sum(3).mean((1, 2))
 
@@ -242,7 +242,10 @@ class MACFlow(OfflineLearner):
         return {name: loss.detach() for name, loss in reported.items()}
 
     def critic_loss(self, view: StudentView, s: Tensor, o: Tensor) -> Loss:
-        """Returns sum_j L(Q_j); draws the noise of the next actions. s and o are normalized."""
+        """Returns sum_j L(Q_j), [K]; draws the noise of the next actions.
+
+        States and observations, [K, B, S] and [K, B, N, O], are normalized.
+        """
         y, batch = self.targets(view), view.batch  # y without a gradient
         if self.config.reward == "own":
             q = self.critics.agent_values(o, batch.actions).flatten(2)  # [K, 2, B N]
@@ -268,7 +271,10 @@ class MACFlow(OfflineLearner):
         return td_target(r[..., 0], ends, q_next, discount)
 
     def measure_climb(self, s: Tensor, o: Tensor, actions: Tensor) -> None:
-        """Measures how far actors may climb on actions of the data; draws noise."""
+        """Measures how far actors may climb, on actions of the data, [K, B, N, A]; draws noise.
+
+        States and observations, [K, B, S] and [K, B, N, O], are normalized.
+        """
 
         def value_of(drawn: Tensor) -> Tensor:  # [K, B, N, M, A] -> [K, B, N, M]
             if self.config.reward == "own":
@@ -281,7 +287,10 @@ class MACFlow(OfflineLearner):
         self.climb.measure(samples, torch.stack(draws[1], 3), value_of)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
-        """Returns - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i, [K]."""
+        """Returns - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i, [K], of pi [K, B, N, A].
+
+        States and observations, [K, B, S] and [K, B, N, O], are normalized.
+        """
         if self.config.reward == "own":
             values = self.critics.own_values(o, pi)  # [K, B, N]
             worth = values.mean((1, 2))

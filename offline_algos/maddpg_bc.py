@@ -134,7 +134,10 @@ class MADDPGBC(TwoStageActorCritic):
 
     @torch.no_grad()
     def targets(self, batch: Batch, noise: Tensor) -> Tensor:
-        """Returns y_i, [K, B, N], in units of scaled rewards; `noise` is standard normal."""
+        """Returns y_i, [K, B, N], in units of scaled rewards, of transitions [K, B, ...].
+
+        `noise`, of the smoothing of target policies, is standard normal, [K, B, N, A].
+        """
         o_next, config = batch.next_observations, self.config
         a_next = self.actor.smoothed(noise, o_next, config.smoothing, config.smoothing_clip)
         x_next = self.critics.view(batch.next_states, o_next)
@@ -161,7 +164,10 @@ class MADDPGBC(TwoStageActorCritic):
 
     @compilable
     def actor_gradient(self, batch: Batch, x: RobotView, rl_weight: float) -> dict[str, Tensor]:
-        """Fills the actors' gradients with that of L(pi); returns losses, [K]; alpha 0 clones."""
+        """Fills the actors' gradients with that of L(pi); returns losses, each [K].
+
+        Critics see x of the batch, [K, B, ...]; `rl_weight` is alpha, 0 clones the data.
+        """
         pi = self.actor(batch.observations)  # [K, B, N, A]
         bc_loss = actor_loss = cloning_loss(pi, batch.actions)  # [K]
         losses = {"bc_loss": bc_loss}

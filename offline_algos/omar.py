@@ -135,7 +135,11 @@ class OMAR(LossActorCritic):
         return td_target(r.flatten(1), terminations.flatten(1), q_next, self.config.discount)
 
     def gap(self, x: Tensor, actions: Tensor, q: Tensor) -> Tensor:
-        """Returns gap_j, [K, 2], the mean over agents, of x, actions and their q; draws actions."""
+        """Returns gap_j, [K, 2], the mean over agents; draws actions.
+
+        Critics see x, [K, B N, O + N]; their values of the data's actions, [K, B N, 1, A], are q,
+        [K, 2, B N].
+        """
         samples = uniform_samples(self.generators, actions, self.config.n_samples)
         values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B N, M]
         config = self.config
@@ -152,7 +156,10 @@ class OMAR(LossActorCritic):
 
     @torch.no_grad()
     def search(self, x: Tensor, pi: Tensor) -> Tensor:
-        """Returns the best actions found, [K, B N, 1, A], pi among them; draws the candidates."""
+        """Returns the best actions found, [K, B N, 1, A], pi among them; draws the candidates.
+
+        Policies act by pi, [K, B N, 1, A], where critics see x, [K, B N, O + N].
+        """
         config = self.config
         mu = torch.zeros_like(pi)[:, :, None]  # [K, B N, 1, 1, A]
         sigma = torch.full_like(mu, config.search_deviation)

@@ -129,7 +129,10 @@ class OMIGA(OfflineLearner):
         return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
 
     def value_loss(self, s: Tensor, o: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns L(V_i), [K], and z_i, [K, B, N], of normalized s, o and the data's actions."""
+        """Returns L(V_i), [K], and z_i, [K, B, N], of the data's actions, [K, B, N, A].
+
+        States and observations, [K, B, S] and [K, B, N, O], are normalized.
+        """
         with torch.no_grad():
             q = self.critics.agent_values(o, actions, self.critics.target_utilities)[:, 0]
             w, _ = self.mixer.weights(information(s, o), self.critics.target_mixer)  # [K, B, N]

@@ -179,8 +179,13 @@ def lambda_returns(
 ) -> Tensor:
     """Returns G_t of the steps of windows, [K, B, L, N]; the last of a window bootstraps alone.
 
-    Rewards and V' of the states reached are [K, B, L, N]; terminations and the mask, which is False
-    on padding, [K, B, L].
+    Args:
+        rewards: [K, B, L, N].
+        terminations: whether the task ended, bool [K, B, L].
+        next_values: V' of the states reached, [K, B, L, N].
+        mask: False on padding, [K, B, L].
+        discount: gamma.
+        trace_decay: lambda.
     """
     goes_on = discount * (~terminations)[..., None]
     following, found = next_values[:, :, -1], []

@@ -73,7 +73,9 @@ class DAggerConfig(TeacherSettings):
 
 
 class DAgger:
-    """K training runs, in K E copies of a task: rounds of collection and regression.
+    """K training runs, one a seed, in K E copies of a task: rounds of collection and regression.
+
+    The folder gets the labelled states.
 
     Raises:
         CheckpointError: the folder has the labelled states of another run.

@@ -157,7 +157,9 @@ The advantages of an untrained critic would undo the policy, and so would a begi
 
 
 class MAPPO:
-    """K training runs, in K E copies of a task: rollouts and updates. `folder` stays empty.
+    """K training runs, one a seed, in K E copies of a task: rollouts and updates.
+
+    `folder` stays empty: nothing is too large for a checkpoint.
 
     Raises:
         SpecError: the shaping does not fit the task, or the task has no such frame.
@@ -397,8 +399,16 @@ def generalized_advantages(
 ) -> Float:  # fmt: skip
     """Advantages, bootstrapped through truncation and cut at every episode end, [T, C, N].
 
-    C stands for any axes of copies. Next values are of the states before any reset; terminations,
-    after which nothing follows, and ends by these or truncation are [T, C], all else [T, C, N].
+    C stands for any axes of copies.
+
+    Args:
+        rewards: [T, C, N].
+        values: of the states acted in, [T, C, N].
+        next_values: of the next states, before any reset, [T, C, N].
+        terminations: the task ended, so nothing follows, [T, C].
+        ended: the episode ended, by termination or truncation, [T, C].
+        discount: gamma.
+        gae_lambda: lambda.
     """
     deltas = rewards + discount * ~terminations[..., None] * next_values - values  # (1)
     advantages = np.zeros_like(deltas)
@@ -423,9 +433,16 @@ def clipped_losses(
     """Returns the negative clipped objective of each sample, and its divergence, two [R, B].
 
     The divergence estimates KL(old, new) by ratio - 1 - log ratio, which is never negative
-    (Schulman, "Approximating KL divergence", 2020); it has no gradient. Means of the current
-    policies and actions are [R, B, A]; log-probabilities under the policies that took them, up to A
-    log(2 pi) / 2, which cancels, and advantages [R, B]; std a number or [R, 1, A].
+    (Schulman, "Approximating KL divergence", 2020); it has no gradient.
+
+    Args:
+        means: of the current policies, [R, B, A].
+        actions: taken, [R, B, A].
+        old_log_probs: of them under the policies that took them, up to the constant
+            A log(2 pi) / 2, which cancels, [R, B].
+        advantages: normalized, [R, B].
+        std: standard deviation of the actions, a number or [R, 1, A].
+        clip: largest change of a ratio from 1 that is rewarded, c.
     """
     z = (actions - means) / std
     log_std = std.log() if isinstance(std, Tensor) else np.log(std)
@@ -439,9 +456,9 @@ def clipped_losses(
 def value_losses(values: Tensor, returns: Tensor, old: Tensor, clip: float | None) -> Tensor:
     """Returns the loss of each value, [K, B]: (6), clipped or not, of standardized returns.
 
-    With a clip it is the larger of the losses of the value and of what the clip leaves of its
+    With a clip c_V it is the larger of the losses of the value and of what the clip leaves of its
     change from the old one, so that a value that has moved too far has no gradient unless it moves
-    back (the code of PPO2 and MAPPO).
+    back (the code of PPO2 and MAPPO). Values, returns and old values are [K, B].
     """
     losses: Tensor = smooth_l1_loss(values, returns, reduction="none")
     if clip is None:

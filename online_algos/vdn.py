@@ -75,8 +75,8 @@ class VDNConfig(ReplaySettings):
 class VDNLearner:
     """K seeds of utility networks, trained on batches of bins, and perhaps of a mixer's networks.
 
-    A discrete action space is the case of one dimension: with `sizes.action` 1 there are `n_bins`
-    actions to choose from.
+    `sizes.action` is the number of choices that a robot makes. A discrete action space is the case
+    of 1: then there are `n_bins` actions to choose from.
     """
 
     def __init__(
@@ -104,7 +104,10 @@ class VDNLearner:
         return utilities.view(-1, n_critics, *utilities.shape[1:])
 
     def value(self, features: Tensor, states: Tensor, places: Tensor) -> Tensor:
-        """Returns Q_tot of each critic, [K, J, B], of `bins.places` [K, B, N, D]."""
+        """Returns Q_tot of each critic, [K, J, B], of `bins.places`, [K, B, N, D].
+
+        Features and states, [K, B, N, O] and [K, B, S], are normalized.
+        """
         utilities = self.utilities(features)
         values = bins.interpolated(utilities, by_critic(places, utilities))  # [K, J, B, N]
         return self.mix(values, information(states, features))

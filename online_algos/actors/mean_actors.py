@@ -89,7 +89,10 @@ class Actors:
 
     @torch.no_grad()
     def act(self, inputs: Tensor, memory: Tensor) -> tuple[Tensor, Tensor]:
-        """Mean actions, [K, E, N, A], and the memory after the step, [K, E, N, M]; no gradient."""
+        """Mean actions, [K, E, N, A], and the memory after the step; no gradient.
+
+        Inputs are those of `inputs`, [K, E, N, I]; memories, before and after, [K, E, N, M].
+        """
         if isinstance(self.network, StackedMLP):
             return self.means(inputs), memory
         rows = by_network(inputs, self.parameters)

@@ -23,9 +23,9 @@ def sample_rows(values: Tensor, parameters: Parameters) -> Tensor:
 
 
 def sample_segments(values: Tensor, parameters: Parameters, window: int) -> Tensor:
-    """Returns segments of L steps, by network as `sample_rows`, [R, segments, L, ...].
+    """Returns segments of L steps of values [T, K, E, N, ...], by network, [R, segments, L, ...].
 
-    T is a multiple of L = `window`; 1 gives samples of single steps.
+    Networks are as of `sample_rows`. T is a multiple of L = `window`; 1 gives single steps.
     """
     segments = values.reshape(-1, window, *values.shape[1:])  # [S, L, K, E, N, ...]
     return sample_rows(segments.movedim(1, 4), parameters)
@@ -34,9 +34,10 @@ def sample_segments(values: Tensor, parameters: Parameters, window: int) -> Tens
 def minibatches(
     generators: Sequence[np.random.Generator], n_samples: int, n_rows: int, size: int
 ) -> Iterator[Tensor]:
-    """Yields each of M samples once, in random order, as indices [K n_rows, B], B up to `size`.
+    """Yields each of M = `n_samples` once, in random order, as indices [K n_rows, B], B <= `size`.
 
-    The `n_rows` networks of a seed take the same indices.
+    There is one generator for each of K seeds; the `n_rows` networks of a seed take the same
+    indices.
     """
     orders = np.stack([generator.permutation(n_samples) for generator in generators])
     yield from torch.split(torch.from_numpy(orders.repeat(n_rows, 0)), size, 1)

@@ -56,8 +56,8 @@ class SeedNormalizer:
 def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int) -> Moments:
     """Takes `n_steps` uniform random steps, measures what is seen, and begins new episodes.
 
-    The moments of a seed depend on its generator and its episodes only. Training freezes them, so
-    that an actor is one fixed function.
+    The moments of a seed depend on its own one of K generators, and on its episodes only. Training
+    freezes them, so that an actor is one fixed function.
 
     Raises:
         SchemaError: the number of generators or of steps is wrong.

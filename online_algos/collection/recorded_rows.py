@@ -63,8 +63,9 @@ def check_spec(data: Data, spec: TaskSpec) -> None:
 class RecordedRows:
     """Endless seeded streams of recorded transitions, one for each seed.
 
-    At least one row of each kind is in a batch. `stored` gives what the algorithm stores of actions
-    in [-1, 1], which are in the robots' `frame`; None: the world's.
+    Of a batch of `batch_size` rows, the part `share`, in (0, 1), is recorded, but at least one row
+    of each kind is in it. `stored` gives what the algorithm stores of actions in [-1, 1], which are
+    in the robots' `frame`; None: the world's.
     """
 
     def __init__(

@@ -114,7 +114,10 @@ class OffPolicy(ABC):
 
     @abstractmethod
     def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns actions for normalized [K, E, N, O], [K, E, N, A], and what is stored of them."""
+        """Returns actions, [K, E, N, A], and what is stored of them, [K, E, N, ...].
+
+        Observations are normalized, [K, E, N, O].
+        """
 
     @abstractmethod
     def learn(self, batch: Batch, scale: float) -> dict[str, Tensor]:
@@ -275,7 +278,10 @@ class LinearSchedule:
 
 
 def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: float) -> Tensor:
-    """Returns actions with Gaussian noise of a deviation, clipped to [-1, 1]."""
+    """Returns actions [K, ...] with Gaussian noise of a deviation, clipped to [-1, 1].
+
+    There is one generator for each seed.
+    """
     noise = normal_like(generators, actions)
     return (actions + deviation * noise).clamp(-1, 1)
 
@@ -283,7 +289,10 @@ def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: 
 def epsilon_greedy(
     generators: Sequence[torch.Generator], choices: Tensor, n_choices: int, epsilon: float
 ) -> Tensor:
-    """Returns choices [K, E, N, D]; with probability epsilon a robot replaces all of its own."""
+    """Returns choices [K, E, N, D], of which robots with probability epsilon redraw all their own.
+
+    Choices are whole numbers, 0 to `n_choices` - 1; there is one generator for each of K seeds.
+    """
     e, n = choices.shape[1:3]
     device = choices.device
     fresh = torch.stack([

@@ -20,8 +20,9 @@ from swarmdata.types import Double, Float, Int, Seeds, Step
 class Worlds:
     """K groups of E copies, stepped together; copies that end are reset at once.
 
-    Copy k E + e belongs to seed k. A seed's episodes are a function of the seed and of its own
-    past, so that they are the same whichever seeds run beside it.
+    Copy k E + e of `env` belongs to seed k. A seed's episodes are a function of the seed and of its
+    own past, so that they are the same whichever seeds run beside it. Robots observe and act in
+    `frame`; None: the world's.
 
     Raises:
         SchemaError: the copies cannot be divided among the seeds.

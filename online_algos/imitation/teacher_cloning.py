@@ -88,9 +88,17 @@ def collect(
 ) -> list[Tensor]:  # fmt: skip
     """Lets the actors, or the teacher, act for `n_steps`, and the teacher label each step.
 
-    Actions have Gaussian noise of deviation `noise`. The teacher was reset when the running
-    episodes began. Returns inputs of the actors, [R, samples, I], and actions of the teacher, [R,
-    samples, A].
+    Args:
+        actors: of K seeds.
+        worlds: to act in, from their current step on.
+        generators: of the noise, one per seed, [K].
+        teacher: which was reset when the running episodes began.
+        n_steps: to take in every copy.
+        noise: standard deviation of the noise on actions.
+        teacher_acts: whether its actions are taken, with the noise.
+
+    Returns:
+        Inputs of the actors, [R, samples, I], and actions of the teacher, [R, samples, A].
     """
     all_inputs, labels = [], []
     for _ in range(n_steps):
@@ -115,7 +123,8 @@ def regress(
 ) -> Tensor:  # fmt: skip
     """Fits actors to labels; returns the mean errors, [K]; takes all samples before any again.
 
-    The descent's own learning rate is 1. In all, `n_taken` samples are taken.
+    The descent's own learning rate is 1. In all, `n_taken` samples are taken, `minibatch` in a
+    gradient step, in the order of a generator for each seed.
     """
     n_seeds = len(generators)
     total, taken = torch.zeros(n_seeds), 0

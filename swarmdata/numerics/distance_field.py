@@ -154,7 +154,10 @@ def _move(node: int, old: int, new: int, heads: Int32, before: Int32, after: Int
 
 @kernel
 def nearest_node(x: float, y: float, costs: Int32, ground: Ground) -> int:
-    """Returns the node whose path has a cost (not -1) that is nearest to a point, m, or -1."""
+    """Returns the node with a path that is nearest to a point, m, or -1.
+
+    Costs of paths are [n], -1 where there is none.
+    """
     (rows, columns), half, spacing = ground.clearances.shape, ground.half, ground.spacing
     u, v = (x + half[0]) / spacing, (y + half[1]) / spacing
     column = min(max(int(u + 0.5), 0), columns - 1)

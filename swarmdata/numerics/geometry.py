@@ -146,7 +146,10 @@ def wall_gap(px: float, py: float, half: Double, wall: int) -> float:
 
 @kernel
 def clearance(px: float, py: float, layout: Float, half: Double) -> float:
-    """Distance from a point to the nearest obstacle of a layout [M, 8] or wall; see `wall_gap`."""
+    """Distance from a point to the nearest obstacle of a layout [M, 8] or wall, m.
+
+    `half` is half the width and half the height of the arena, m, [2].
+    """
     best = min(half[0] - abs(px), half[1] - abs(py))
     for m in range(layout.shape[0]):
         dx, dy = float(layout[m, 1]) - px, float(layout[m, 2]) - py

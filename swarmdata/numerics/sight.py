@@ -30,9 +30,9 @@ def _clip(at: float, step: float, half: float, enter: float, leave: float) -> tu
 
 @kernel
 def crosses_shape(dx: float, dy: float, cx: float, cy: float, row: Double) -> bool:
-    """Whether the segment from the origin to (dx, dy) crosses the bars of a shape at (cx, cy).
+    """Whether the segment from the origin to (dx, dy), m, crosses the bars of a shape at (cx, cy).
 
-    The shape is a row of a layout, and no circle.
+    The shape is a row of a layout, [8], columns `geometry.OBSTACLE`, and no circle.
     """
     ax, ay = row[3], row[4]
     lx, ly = -(cx * ax + cy * ay), -(cy * ax - cx * ay)

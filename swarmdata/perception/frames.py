@@ -124,7 +124,10 @@ class Frame:
         )
 
     def to_world(self, observations: Float, actions: Float | Double) -> Double:
-        """Returns actions [..., N, A] in the world's frame, as observations [..., N, O] are."""
+        """Returns actions of this frame in the world's, [..., N, A]; columns 0 and 1 turn.
+
+        Observations are in the world's frame, [..., N, O].
+        """
         return self._rotated(observations, actions, 1.0)
 
     def to_local(self, observations: Float, actions: Float | Double) -> Double:
@@ -156,7 +159,7 @@ class Frame:
         """Returns recorded actions in this frame, float32 [..., N, A], within [-1, 1].
 
         Worlds clip a vector to a norm of 1 (`envs.physics.dynamics`), and here it is clipped before
-        it is turned. Observations are [..., N, O].
+        it is turned. Observations, [..., N, O], and actions given are in the world's frame.
         """
         x, y = actions[..., 0].astype(np.float64), actions[..., 1].astype(np.float64)
         turns = self.turns(actions.shape[-2])
@@ -237,7 +240,7 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
     """Returns a policy's actions of a frame in the world's, within [-1, 1], [E, N, A].
 
     The norm is clipped to 1 before the components, so that a turned command keeps its direction.
-    Observations are [E, N, O]; `frame` is None for the world's.
+    Observations are in the world's frame, [E, N, O]; `frame` is None for the world's.
     """
     if frame is None:
         return actions

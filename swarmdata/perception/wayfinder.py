@@ -120,7 +120,8 @@ class Wayfinder:
     def observe(self, step: Step, known: Float, active: Bool) -> None:
         """Writes the last columns of the active copies' observations, which are complete else.
 
-        Robots believe to be where they measured themselves, columns `ROBOT` first, [E, >= 8 N].
+        Robots believe to be where they measured themselves: `known`, [E, >= 8 N], columns `ROBOT`
+        first. Active copies are [E].
         """
         write_all_ways(
             known, step.layouts, step.times, active, self._guide, self._plans, step.observations
@@ -274,7 +275,10 @@ def write_way(
 
 @kernel
 def share_nearer(x: float, y: float, row: Float, guide: Guide) -> float:
-    """Returns the share of others that are nearer to a place at (x, y) in a robot's observation."""
+    """Returns the share of others nearer to a place at (x, y), m, in a robot's observation, [O].
+
+    The place is relative to the robot, in the frame of the observation.
+    """
     count = 0
     for k in range(guide.senders.shape[0]):
         at, mask = guide.senders[k]

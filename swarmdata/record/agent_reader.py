@@ -164,7 +164,11 @@ class Presence:
         return cls(reader, alive, np.zeros_like(alive))
 
     def step(self, ended: Bool, present: Sequence[Any]) -> Bool:
-        """Which agents act next, [N], given those with a flag; SchemaError if one left without."""
+        """Which agents act next, [N], given those with a flag, [N], and the environment's `agents`.
+
+        Raises:
+            SchemaError: an agent is gone without a flag, so that nobody knows why it ended.
+        """
         listed = self.reader.alive(present)
         lost = self.alive & ~ended & ~listed
         if lost.any():

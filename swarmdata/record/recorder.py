@@ -55,7 +55,10 @@ class EnvironmentReader:
     def state(
         self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool, seen: Bool
     ) -> Row:
-        """The state that was reached; agents are seen if they act next or acted before, [N]."""
+        """The state that was reached.
+
+        Agents `alive`, [N], act next; those `seen`, [N], act next or acted in the step before.
+        """
         rows, concatenated = self.reader.observations(observations, seen)
         messages, own = no_messages(len(alive)), self.own_step
         if own is not None:

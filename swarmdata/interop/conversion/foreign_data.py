@@ -136,7 +136,10 @@ def _kept(timeline: Timeline, spans: Sequence[Span], choices: Choices) -> list[S
 
 
 def agent_ends(timeline: Timeline, span: Span) -> tuple[Bool, Bool]:
-    """In which steps of an episode agents were terminated and truncated, at the last by its end."""
+    """In which steps of an episode agents were terminated and truncated, [T, N] each.
+
+    Whoever has no flag when the episode ends was truncated then.
+    """
     window = slice(span.start, span.stop)
     gone = np.logical_or.accumulate(timeline.flags[window], axis=0)
     first = gone.copy()

@@ -25,7 +25,10 @@ def yaw_of(x: Double, y: Double, z: Double, w: Double) -> Double:
 
 
 def planar_motion(moved: Double, turned: Double, headings: Double, frame: str) -> dict[str, Double]:
-    """Velocities, [n] each, in the frame `body` or `world`, of those in the world (m/s, rad/s)."""
+    """Velocities by the names that maps have for them, [n] each, in the frame `body` or `world`.
+
+    Velocities `moved` are [n, 2] m/s, turn rates [n] rad/s, both in the world, headings [n] rad.
+    """
     if frame != "body":
         return {"vx": moved[:, 0], "vy": moved[:, 1], "omega": turned}
     cosine, sine = np.cos(headings), np.sin(headings)

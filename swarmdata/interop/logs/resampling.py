@@ -83,7 +83,10 @@ def interpolate(
 
 
 def hold(samples: Samples, grid: Int, max_gap: int | None) -> tuple[Double, Bool]:
-    """The newest sample at each time, for `max_gap` ns unless None, [K, F], and where known."""
+    """The newest sample at each time of a grid, [K] ns: values, [K, F], and whether known, [K].
+
+    A sample holds for `max_gap` ns; None: until the next one.
+    """
     values = np.zeros((len(grid), samples.values.shape[1]))
     newest = np.searchsorted(samples.times, grid, side="right") - 1
     known = newest >= 0

@@ -133,7 +133,10 @@ class Rule:
 
 
 def combinations(values: Tensor, join: Callable[[Tensor, Tensor], Tensor]) -> Tensor:
-    """Returns a value of every combination of one choice per column, [..., C ** D]."""
+    """Returns a value of every combination of one choice per column, [..., C ** D].
+
+    `join`, torch.add or torch.mul, joins the columns' values, [..., D, C].
+    """
     joined = values[..., 0, :]
     for column in range(1, values.shape[-2]):
         joined = join(joined[..., :, None], values[..., column, None, :]).flatten(-2)

@@ -42,12 +42,18 @@ def chosen(utilities: Tensor, choices: Tensor) -> Tensor:
 
 
 def places(actions: Tensor, n_bins: int) -> Tensor:
-    """Returns where actions lie among the bins, 0 to C - 1; whole numbers are bins."""
+    """Returns where actions [...] lie among C = `n_bins` bins, 0 to C - 1; whole numbers are bins.
+
+    Actions are in [-1, 1]; beyond, they count as the ends.
+    """
     return (actions.clamp(-1, 1) + 1) * ((n_bins - 1) / 2)
 
 
 def interpolated(utilities: Tensor, between: Tensor) -> Tensor:
-    """Returns Q_i, [...], the mean of utilities [..., D, C] at `places`, linear between bins."""
+    """Returns Q_i, [...]: the mean over columns of utilities [..., D, C] at `places` [..., D].
+
+    Between two bins a utility is linear, as with the weights of `two_hot`.
+    """
     below = between.floor().clamp(max=utilities.shape[-1] - 2)
     first = below.long()[..., None]
     weight = between - below
@@ -73,7 +79,10 @@ def two_hot(actions: Tensor, n_bins: int) -> Tensor:
 def mean_utilities(
     layers: Sequence[Layer], features: Tensor, parameters: Parameters, n_critics: int
 ) -> Tensor:
-    """Returns the mean of what the critics of one seed answer to features, float64 [E, N, D C]."""
+    """Returns the mean of what the critics of one seed answer, float64 [E, N, D C].
+
+    Layers are critic after critic; features, which they see, float64 [E, N, F].
+    """
     n_rows = len(layers[0].weight) // n_critics
     answers = []
     for critic in range(n_critics):

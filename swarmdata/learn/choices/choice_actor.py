@@ -55,7 +55,10 @@ class ChoiceActor:
         self.network, self.transitions = self.outputs.network, self.outputs.transitions
 
     def along(self, batch: Batch) -> tuple[Batch, Tensor]:
-        """Returns the transitions to learn from, and log pi of all choices, [K, B, N, D, C]."""
+        """Returns the transitions to learn from, and log pi of all choices, [K, B, N, D, C].
+
+        A batch is of transitions, [K, B, ...], or with a memory of windows, [K, B, L, ...].
+        """
         steps, outputs = self.outputs.along(batch)
         return steps, behavior_log_probs(outputs, self.choices, "factored")
 

@@ -77,11 +77,13 @@ class TeamMemory:
     def along(
         self, batch: Batch, normalize: Callable[[Tensor], Tensor], slow: StackedGates
     ) -> tuple[Batch, Tensor, Tensor, Tensor]:
-        """Returns transitions of windows to learn from, [K, R, ...], and what is seen of them.
+        """Returns transitions of windows [K, B, L, ...] to learn from, and what is seen of them.
+
+        `normalize` makes observations as recorded comparable, `slow` are copies of the units.
 
         Returns:
-            Transitions; normalized observations with memories, [K, R, N, O + M]; these one step
-            later, and what the target copies `slow` see then, both without a gradient.
+            Transitions, [K, R, ...]; normalized observations with memories, [K, R, N, O + M]; these
+            one step later, and what the copies see then, both without a gradient.
         """
         features = normalize(batch.observations)
         steps, now, memory = learned(self.network, batch, features, self.window, self.parameters)
@@ -144,7 +146,10 @@ class UtilityNetworks:
         )
 
     def see(self, batch: Batch) -> "Seen":
-        """Returns transitions [K, B, ...], and what networks see of them; windows with a memory."""
+        """Returns transitions [K, B, ...], and what networks see of them.
+
+        With a memory the batch is of windows, [K, B, L, ...].
+        """
         if self.memory is not None:
             slow = self.descent.targets["memory"]
             return Seen(*self.memory.along(batch, self.normalizer.observations, slow))
@@ -158,7 +163,10 @@ class UtilityNetworks:
         return by_critic(bins.by_dimension(outputs, self.choices.n_choices))
 
     def information(self, states: Tensor, features: Tensor) -> Tensor:
-        """Returns x, normalized, [K, B, S + N O]; observations come first in the features."""
+        """Returns x, normalized, [K, B, S + N O], of states as recorded, [K, B, S].
+
+        Features are what the networks see, [K, B, N, F]; observations come first in them.
+        """
         observations = features[..., : self.sizes.observation]
         return information(self.normalizer.states(states), observations)
 
@@ -169,7 +177,11 @@ class UtilityNetworks:
         return behavior_log_probs(self.behavior(features), self.choices, self.rule.head)
 
     def act(self, utilities: Tensor, log_probs: Tensor | None) -> Tensor:
-        """Returns the rule's actions as weights of the choices, [K, B, N, D, C], by J's mean."""
+        """Returns the rule's actions as weights of the choices, [K, B, N, D, C].
+
+        Utilities are [K, J, B, N, D, C], of which the mean over J decides; log_probs those of the
+        behavior head.
+        """
         return self.rule.act(utilities.mean(1), log_probs, self.choices)
 
     def state_dict(self) -> dict[str, Tensor]:

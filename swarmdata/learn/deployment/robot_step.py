@@ -141,7 +141,9 @@ def robot_step(policy: Policy, n_robots: int) -> RobotStep:
 
 
 def fitting_step(policy: Policy, path: Path, features: Sequence[Sequence[str]]) -> RobotStep:
-    """Returns the step of one robot, for a new file; `features`: names of what each robot observes.
+    """Returns the step of one robot, for a new file.
+
+    `features` are the names of what each robot observes, [N] with at most O each.
 
     Raises:
         PolicyFitError: policies of this kind cannot be exported.

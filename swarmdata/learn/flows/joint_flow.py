@@ -65,8 +65,11 @@ class JointFlow:
     def loss(self, x: Tensor, actions: Tensor, noise: Tensor, times: Tensor) -> Tensor:
         """Returns L(e), the mean over rows, [K].
 
-        `x` is c, normalized, [K, B, S + N O]; actions are the data's and `noise` z, both [K, B, N,
-        A]; times t, uniform in [0, 1), [K, B, 1].
+        Args:
+            x: c, normalized states and observations, [K, B, S + N O].
+            actions: of the data, [K, B, N, A].
+            noise: z, standard normal, [K, B, N, A].
+            times: t, uniform in [0, 1), [K, B, 1].
         """
         on_path = noise + times[..., None] * (actions - noise)
         team = torch.cat([x, on_path.flatten(2), times], 2)
@@ -78,7 +81,8 @@ class JointFlow:
     def sample(self, x: Tensor, noise: Tensor) -> Tensor:
         """Returns the joint actions that noise leads to, [K, B, N, A], in [-1, 1]; no gradient.
 
-        What c adds to the first layer is computed once, not once for each step.
+        `x` is c, normalized, [K, B, S + N O], `noise` z, standard normal, [K, B, N, A]. What c adds
+        to the first layer is computed once, not once for each step.
         """
         layers = self.network.constants()
         known, moving = self._first_products(layers[0], x)

@@ -88,7 +88,11 @@ class OneStepActor:
         self.standard = Standardization.of(setup.statistics, setup.device)
 
     def see(self, batch: Batch) -> StudentView:
-        """Returns the transitions to learn from, of windows too, and what actors see of them."""
+        """Returns the transitions to learn from, and what the actors see of them.
+
+        A batch is of transitions, [K, B, ...], or with a memory of windows, [K, B, L, ...], whose
+        segments give B times their steps.
+        """
         features = self.standard(batch.observations)
         if not isinstance(self.network, StackedGates):
             return StudentView(batch, features)
@@ -139,7 +143,14 @@ class Distillation:
     def fit(
         self, x: Tensor, actions: Tensor, generators: Sequence[torch.Generator], scale: float
     ) -> Tensor:
-        """Moves the flow one step towards actions of the data, given x; returns its loss, [K]."""
+        """Moves the flow one step towards the data; returns its loss, [K].
+
+        Args:
+            x: normalized states and observations, [K, B, S + N O].
+            actions: joint actions of the data, [K, B, N, A].
+            generators: of noise and times, one per seed, [K].
+            scale: factor on the learning rate.
+        """
         times = uniform_like(generators, actions[:, :, 0, :1])  # [K, B, 1]
         loss = self.flow.loss(x, actions, normal_like(generators, actions), times)
         self._descent.step_of("teacher", loss, scale)
@@ -148,7 +159,14 @@ class Distillation:
     def targets(
         self, x: Tensor, z: Tensor, actions: Tensor, generators: Sequence[torch.Generator]
     ) -> Tensor:
-        """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'."""
+        """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'.
+
+        Args:
+            x: normalized states and observations, [K, B, S + N O].
+            z: the noise that the actors see, [K, B, N, A].
+            actions: joint actions of the data, [K, B, N, A].
+            generators: of the noise z', one per seed, [K].
+        """
         samples = self.flow.sample(x, z)
         if not self._debiased:
             return samples

@@ -82,7 +82,10 @@ def next_memory(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tens
 
 
 def read(layers: Sequence[Layer], inputs: Tensor, memory: Tensor) -> Tensor:
-    """Returns the reader's outputs, [R, B, outputs], of inputs and the memory after the step."""
+    """Returns the reader's outputs, [R, B, outputs], of inputs [R, B, F].
+
+    The memory, [R, B, M], is that after the step; layers are the gates, then the reader.
+    """
     return mlp(layers[N_GATE_LAYERS:], torch.cat([inputs, memory], -1))
 
 

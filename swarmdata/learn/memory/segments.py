@@ -94,7 +94,11 @@ def _by_time(values: Tensor, parameters: Parameters) -> Tensor:
 def remembered_next(
     network: StackedGates, features: Tensor, memory: Tensor, parameters: Parameters
 ) -> Tensor:
-    """Returns what each robot remembers one step later, [K, R, N, M], of that step's features."""
+    """Returns what each robot remembers one step later, [K, R, N, M].
+
+    Features are those of the next step, normalized, [K, R, N, F], the memory, [K, R, N, M], that
+    after this step.
+    """
     rows = by_network(memory, parameters)
     after = next_memory(network.layers, to_rows(features, parameters), rows)
     return from_rows(after, memory.shape, parameters)

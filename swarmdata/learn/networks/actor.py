@@ -153,7 +153,10 @@ class BehaviorDensity(Descent):
 
     @torch.no_grad()
     def moments(self, observations: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        """Returns mean and deviation, at least the floor, both shaped as actions [K, B, N, A]."""
+        """Returns mean and deviation, at least the floor, both shaped as actions, [K, B, N, A].
+
+        Observations are as recorded, [K, B, N, O].
+        """
         outputs = self.network(self._actor.inputs(observations))
         mean, log_std = self._outputs(outputs, actions)
         return mean, log_std.exp().clamp(min=self._floor)

@@ -85,7 +85,10 @@ class CriticEnsemble(Descent):
 
 
 class Critics(CriticEnsemble):
-    """Critics of x, [K, B, S + N O], and joint actions, [K, B, N, A], that give one value."""
+    """Critics of x, [K, B, S + N O], and joint actions, [K, B, N, A], that give one value.
+
+    x is normalized: `network_inputs.information`.
+    """
 
     def q(self, x: Tensor, actions: Tensor) -> Tensor:
         """Returns all critics' values, [K, J, B, 1]."""
@@ -181,7 +184,10 @@ class RobotViews:
         return self._sizes.action * (self._sizes.n_agents if self.critic == "centralized" else 1)
 
     def view(self, states: Tensor, observations: Tensor) -> RobotView:
-        """Returns the view of states as recorded, [K, B, S], and observations in robots' frames."""
+        """Returns the view of states as recorded, [K, B, S].
+
+        Observations are in the robots' frames, not normalized, [K, B, N, O].
+        """
         own = with_agent_id(self._normalizer.observations(observations))
         if self.critic == "decentralized":
             return RobotView(own)
@@ -248,7 +254,7 @@ class RobotCritics(CriticEnsemble):
         self.critic, self.n_features, self.view = critic, views.n_features, views.view
 
     def q(self, view: RobotView, actions: Tensor) -> Tensor:
-        """Returns all critics' values of joint actions, [K, J, B, N]."""
+        """Returns all critics' values, [K, J, B, N], of joint actions, [K, B, N, A]."""
         return self._values(self.online, view, actions)
 
     def target_q(self, view: RobotView, actions: Tensor, others: Tensor | None = None) -> Tensor:

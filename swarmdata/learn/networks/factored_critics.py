@@ -67,7 +67,7 @@ class FactoredCritics(Descent):
     def agent_values(
         self, observations: Tensor, actions: Tensor, network: Network | None = None
     ) -> Tensor:
-        """Returns Q_i of every agent, [K, J, B, N], by the utilities or others."""
+        """Returns Q_i of every agent, [K, J, B, N], by the utilities or another network."""
         inputs = _inputs(observations, actions).repeat_interleave(self.n_critics, 0)
         values = (network or self.utilities)(inputs)
         return values.view(-1, self.n_critics, *actions.shape[1:3])

@@ -44,10 +44,10 @@ def with_agent_id(features: Tensor) -> Tensor:
 
 
 def information(states: Tensor, observations: Tensor) -> Tensor:
-    """Returns critic inputs besides actions, normalized: x = (s, o_1, ..., o_N), [K, B, S + N O].
+    """Returns critic inputs besides actions: x = (s, o_1, ..., o_N), [K, B, S + N O].
 
-    The state alone does not say where the obstacles are, so a critic of it cannot tell a free way
-    from a blocked one.
+    States, [K, B, S], and observations, [K, B, N, O], are normalized. The state alone does not say
+    where the obstacles are, so a critic of it cannot tell a free way from a blocked one.
     """
     return torch.cat([states, observations.flatten(2)], 2)
 

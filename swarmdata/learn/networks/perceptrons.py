@@ -163,7 +163,10 @@ class StackedMLP(StackedLayers):
         return mlp(self.layers, inputs)
 
     def frozen(self, inputs: Tensor, every: int = 1) -> Tensor:
-        """Returns outputs of each `every`-th network, its weights being constants."""
+        """Returns outputs of each `every`-th network, its weights being constants.
+
+        Inputs are [R / every, B, inputs].
+        """
         return mlp(self.constants(every), inputs)
 
 

@@ -14,11 +14,12 @@ Parameters = Literal["shared", "separate"]
 
 
 class Team:
-    """Maps what each robot sees to what it answers, for the teams of K seeds.
+    """Maps what each robot sees to what it answers, for the teams of N robots of K seeds.
 
     `shape` has inputs without the robot's number. `shared` networks see a one-hot one; of
     `separate` ones, rows are seed 0 robot 0, seed 0 robot 1, ... Each seed may have J = `n_critics`
-    teams, which are neighbors; K is then J times the number of seeds.
+    teams, which are neighbors; K is then J times the number of seeds. `stream` separates the draws
+    of initial parameters of different networks of one seed.
     """
 
     def __init__(

@@ -32,7 +32,10 @@ class Samples(NamedTuple):
 def uniform_samples(
     generators: Sequence[torch.Generator], actions: Tensor, n_samples: int
 ) -> Samples:
-    """Returns M actions in each row drawn evenly from [-1, 1], shaped as actions [K, B, N, A]."""
+    """Returns M = `n_samples` actions in each row, drawn evenly from [-1, 1].
+
+    They are shaped as `actions`, [K, B, N, A]; there is one generator for each seed.
+    """
     template = repeated(actions, n_samples)
     drawn = 2 * uniform_like(generators, template) - 1
     density = uniform_log_density(math.prod(actions.shape[2:]))
@@ -47,7 +50,11 @@ def uniform_log_density(width: int) -> float:
 def noisy_samples(
     generators: Sequence[torch.Generator], actions: Tensor, n_samples: int, deviation: float
 ) -> Samples:
-    """Returns M actions in each row near [K, B, N, A]; the density is that of unclipped noise."""
+    """Returns M = `n_samples` actions in each row near given ones, [K, B, N, A].
+
+    `deviation` is that of the Gaussian noise in each component; the density is that of the noise
+    before it is clipped. There is one generator for each seed.
+    """
     centers = repeated(actions, n_samples)
     noise = normal_like(generators, centers)
     log_density = -0.5 * noise.square() - math.log(deviation * math.sqrt(2 * math.pi))
@@ -79,7 +86,14 @@ def cql_gap(
     actions fall without end, and those of the data are dragged along (see `omar`). A row is not
     penalized further once the data's action is worth `limit` more than the soft maximum, as
     the threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq.
-    30). Values of samples are as of `soft_maximum`; `q` are those of the data's actions, [K, J, B].
+    30).
+
+    Args:
+        log_density: of the sampled actions, [K, B, M].
+        values: what the critics give for them, [K, J, B, M].
+        q: what they give for the data's actions, [K, J, B].
+        temperature: tau of the soft maximum.
+        limit: of what the penalty enforces.
     """
     gaps = soft_maximum(values, log_density, temperature) - q
     return gaps.clamp(min=-limit).mean(2)

@@ -47,7 +47,9 @@ def team_reward(rewards: Tensor) -> Tensor:
 def td_target(
     rewards: Tensor, terminations: Tensor, next_values: Tensor, discount: float
 ) -> Tensor:
-    """Returns r + discount * (1 - termination) * V(s'), [...].
+    """Returns r + discount * (1 - termination) * V(s'), [...], of team rewards [...].
+
+    Terminations, bool, and `next_values` are [...] too; the discount of a step is 0 to 1.
 
     A truncation does not stop the bootstrap: the horizon cut the episode, the task went on. It
     needs `next_values` of the state that was reached, never of the next episode's first state
@@ -100,10 +102,10 @@ def batch_weights(exponents: Tensor) -> Tensor:
 
 
 def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
-    """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K], of [K, B, N, A].
+    """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
 
-    It is minus the log-likelihood of a Gaussian of fixed deviation, but for a factor and a
-    constant.
+    Actions, pi and the data's, are [K, B, N, A]. It is minus the log-likelihood of a Gaussian of
+    fixed deviation, but for a factor and a constant.
     """
     return (pi - actions).square().mean((1, 2, 3))
 
@@ -126,8 +128,15 @@ def anchored_loss(
     """Returns -(Q_i(pi) + log beta(pi | o_i) / eta), the mean over robots, [K].
 
     Its gradient is what counts: constants are left out, and Q_i is the plane through 0 with the
-    slope that Q_i has at pi, or with `steepest` [K] where that is less. pi and mean and deviation
-    of beta are [K, B, N, A], values of pi, with their gradient, [K, B, N], eta [K].
+    slope that Q_i has at pi, or with `steepest` where that is less.
+
+    Args:
+        pi: the policies' actions, [K, B, N, A].
+        values: Q_i of them, with their gradient, [K, B, N].
+        mean: of beta, [K, B, N, A].
+        deviation: of beta, [K, B, N, A].
+        eta: inverse temperature, [K].
+        steepest: largest length of the gradient of Q with respect to one robot's action, [K].
     """
     held = 0.5 * ((pi - mean) / deviation).square().sum(3)  # [K, B, N]
     climbed = (bounded_gradient(values, pi, steepest) * pi).sum(3)  # [K, B, N]
@@ -137,7 +146,7 @@ def anchored_loss(
 def bounded_gradient(values: Tensor, pi: Tensor, steepest: Tensor) -> Tensor:
     """Returns the gradient of the sum of values with respect to each robot's action, [K, B, N, A].
 
-    Values [K, B, N] depend on pi; gradients that are longer than `steepest`, [K], are cut.
+    Values [K, B, N] depend on pi, [K, B, N, A]; gradients longer than `steepest`, [K], are cut.
     """
     (gradient,) = torch.autograd.grad(values.sum(), pi)
     length = gradient.norm(dim=3, keepdim=True)  # [K, B, N, 1]
@@ -172,8 +181,12 @@ def conservative_gap(utilities: Tensor, weights: Tensor, exists: Tensor | None) 
     """Returns sum_j mean_id [log sum_k exp U_dk - sum_k w_dk U_dk], [K].
 
     Conservative Q-learning (Kumar et al. 2020, equation 4) robot by robot and column by column: the
-    sum over joint actions has no such form and was found unstable. Utilities and weights are as of
-    `robot_values`; `exists` are the choices there are, bool [N, D, C], None all.
+    sum over joint actions has no such form and was found unstable.
+
+    Args:
+        utilities: [K, J, B, N, D, C].
+        weights: the data's actions as weights of the choices, [K, B, N, D, C].
+        exists: which choices there are, bool [N, D, C]; None: all.
     """
     taken = (utilities * weights[:, None]).sum(-1)  # [K, J, B, N, D]
     if exists is not None:
@@ -182,5 +195,9 @@ def conservative_gap(utilities: Tensor, weights: Tensor, exists: Tensor | None) 
 
 
 def behavior_loss(log_probs: Tensor, weights: Tensor, head: Head) -> Tensor:
-    """Returns -sum_d sum_k w_dk log pi_b(k | o_i)_d, the mean over robots and rows, [K]."""
+    """Returns -sum_d sum_k w_dk log pi_b(k | o_i)_d, the mean over robots and rows, [K].
+
+    `log_probs` are those of `behavior_heads.behavior_log_probs`, for that kind of head; weights of
+    the choices, the data's actions, [K, B, N, D, C].
+    """
     return cross_entropy(log_probs, weights, head).mean((1, 2))

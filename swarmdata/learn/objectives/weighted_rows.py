@@ -65,7 +65,8 @@ def row_weights(
 ) -> tuple[Tensor, Tensor]:
     """Returns the weight of each row over the largest, [K, M, N], and beta, [K], one of a seed.
 
-    `largest` is beta's limit, finite, a number or [K]; `effective_share` the least n_eff over M N.
+    Advantages are [K, M, N]; `largest` is beta's limit, finite, a number or [K]; `effective_share`
+    the least n_eff over M N.
     """
     flat = advantages.flatten(1)  # [K, M N]
 
@@ -86,7 +87,10 @@ def row_weights(
 
 
 def draw(weights: Tensor, n_drawn: int, generators: Sequence[torch.Generator]) -> Tensor:
-    """Returns D rows drawn for each robot, [K, D, N], in proportion to weights [K, M, N]."""
+    """Returns D = `n_drawn` rows for each robot, [K, D, N], in proportion to weights [K, M, N].
+
+    Of a robot's weights not all are 0; there is one generator for each seed.
+    """
     cumulative = weights.transpose(1, 2).double().cumsum(2)  # [K, N, M]
     start = uniform_like(generators, weights[:, 0])  # [K, N]
     steps = torch.arange(n_drawn, device=weights.device, dtype=torch.float64)
@@ -104,6 +108,8 @@ def rows_of_robots(values: Tensor, rows: Tensor) -> Tensor:
 
 class ScoredRows:
     """The last batches of K seeds and the advantages of their rows, from which actors learn.
+
+    `effective_share` is the least effective sample size of the weights over their number.
 
     Raises:
         SchemaError: the share is not above 0 and at most 1.
@@ -131,7 +137,10 @@ class ScoredRows:
         self._n_added += 1
 
     def draw(self, along: Along, largest: float | Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Returns as many rows as a batch has: actions, [K, R, N, A], the actor's outputs, beta."""
+        """Returns as many rows as a batch has: actions, [K, R, N, A], the actor's outputs, beta.
+
+        `along` is that of the actor; `largest` is beta's limit, a number or [K].
+        """
         n_batches = min(self._n_added, self._n_kept)
         kept = {name: values[:, :n_batches].flatten(1, 2) for name, values in self._kept.items()}
         weights, beta = row_weights(kept.pop("advantages"), largest, self._share)

@@ -82,7 +82,7 @@ class ChoicePolicy(Memoryless):
         return self.choose(self._features(step.observations), step.observations, allowed)
 
     def utilities(self, features: Tensor) -> Tensor:
-        """Returns the networks' mean utilities, [E, N, D, C], of what they see; both float64."""
+        """Returns the networks' mean utilities, float64 [E, N, D, C], of features [E, N, F]."""
         n_rows = 1 if self.parameters == "shared" else features.shape[1]
         n_critics = len(self.layers[0].weight) // n_rows
         outputs = mean_utilities(self.layers, features, self.parameters, n_critics)
@@ -102,7 +102,11 @@ class ChoicePolicy(Memoryless):
         return in_world(self.frame, observations, actions).astype(np.float32)
 
     def preferred(self, features: Tensor, allowed: Tensor | None = None) -> Tensor:
-        """Returns the actions as weights of the choices, float64 [E, N, D, C]; others likewise."""
+        """Returns the actions as weights of the choices, float64 [E, N, D, C].
+
+        Features are what the networks see, float64 [E, N, F]; `allowed` is what the environment
+        allows, bool [E, N, D, C], None all.
+        """
         log_probs = None
         if self.behavior:
             outputs = answer(self.behavior, features, self.parameters)

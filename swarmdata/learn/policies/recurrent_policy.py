@@ -75,9 +75,9 @@ class Remembering(ABC):
     of an episode is acted on once, in order.
     """
 
-    layers: Sequence[Layer]
-    observation_mean: Tensor
-    observation_std: Tensor
+    layers: Sequence[Layer]  # gates, then reader, float64; R = 1 if they are shared, else N
+    observation_mean: Tensor  # subtracted from observations, float64 [O]
+    observation_std: Tensor  # what they are divided by, float64 [O]
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
 

@@ -105,9 +105,9 @@ class TorchPolicy(Memoryless):
 def fold(layers: Sequence[Layer], mean: Tensor, std: Tensor, parameters: Parameters) -> list[Layer]:
     """Returns one network for each robot, which sees observations as they were recorded.
 
-    Normalization and, where the robots share a network, the robot's number are part of its first
-    layer: W' = W / std and b' = b - mean W'. Outputs agree with those of `outputs_of` within
-    rounding.
+    Normalization, by a mean and std float64 [O], and, where the robots share a network, the robot's
+    number are part of its first layer: W' = W / std and b' = b - mean W'. Outputs agree with those
+    of `outputs_of` within rounding. Layers are float64, R = 1 if they are shared, else N.
     """
     first, size = layers[0], len(mean)
     weight = standardize(first.weight[:, :size].transpose(1, 2), torch.zeros_like(mean), std)

@@ -239,7 +239,10 @@ class TwoStageActorCritic(OfflineLearner):
 
     @abstractmethod
     def critic_step(self, batch: Batch, x: Any, scale: float) -> dict[str, Tensor]:
-        """Moves the critics, at `scale` times the learning rate; returns losses, each [K]."""
+        """Moves the critics, at `scale` times the learning rate; returns losses, each [K].
+
+        The batch, [K, B, ...], is seen by the critics as x.
+        """
 
     @abstractmethod
     def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:

@@ -108,7 +108,9 @@ class Replay:
         self.n_written += 1
 
     def sample(self, generators: Sequence[torch.Generator], batch_size: int) -> Batch:
-        """Draws transitions uniformly, with replacement; tensors [K, B, ...].
+        """Draws transitions uniformly, with replacement; tensors [K, B, ...], B = `batch_size`.
+
+        There is one generator for each seed, on the CPU.
 
         Raises:
             SchemaError: nothing has been written yet.

@@ -98,7 +98,7 @@ def _pick_nearest(
 
 @kernel
 def spend_bandwidth(taken: Bool, t: int, limit: int, linked: Bool) -> None:
-    """Removes from `taken` the messages that a receiver does not decode; `limit` remain.
+    """Removes from `taken`, [N, N], the messages that a receiver does not decode; `limit` remain.
 
     The links of a receiver, in sender order, take turns: in step t those from number t * limit on,
     cyclically. A limit of 0 is none. All links are copied to `linked` first, [N, N].

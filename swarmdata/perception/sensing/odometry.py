@@ -70,9 +70,10 @@ class Odometry:
         self._begun[copies] = False
 
     def advance(self, step: Step, active: Bool, known: Float) -> None:
-        """Takes a step of the active copies, and adds its errors to what robots know of themselves.
+        """Takes a step of the active copies, [E], and adds its errors to `known`, [E, 8 N].
 
-        Call it once for every step of an episode. `known` is without drift before, [E, 8 N].
+        These are measurements of themselves, without drift before. Call it once for every step
+        of an episode.
         """
         reckon(
             step.states, step.seeds, step.times, active, self._rates, normal_table(), self._begun,

@@ -201,7 +201,10 @@ def _role_codes(spec: TaskSpec) -> Float:
 
 @kernel
 def hide_columns(times: Int, n_steps: int, columns: Int, active: Bool, frame: Float) -> None:
-    """Sets columns of a frame [E, N, F] to 0 from step `n_steps` of an episode on."""
+    """Sets columns [C] of a frame [E, N, F] to 0 from step `n_steps` of an episode on.
+
+    Times are control steps since the reset, [E], of which the active copies, [E], change.
+    """
     for b in range(frame.shape[0]):
         if not active[b] or times[b] < n_steps:
             continue
@@ -212,7 +215,10 @@ def hide_columns(times: Int, n_steps: int, columns: Int, active: Bool, frame: Fl
 
 @kernel
 def turn(states: Float, pairs: Int, active: Bool, frame: Float) -> None:
-    """Rotates vectors, x at `pairs` [P], from the world's frame into robots' frames, in place."""
+    """Rotates vectors from the world's frame into robots' frames, in place, in active copies [E].
+
+    States are [E, S]; `pairs`, [P], are columns of x components in the frame [E, N, F], y follows.
+    """
     for b in range(frame.shape[0]):
         if not active[b]:
             continue
