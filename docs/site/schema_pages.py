@@ -123,8 +123,8 @@ def _of_type(schema: Mapping[str, Any], known: set[str]) -> str:
         values = schema.get("additionalProperties")
         kind_of_values = words_of(values, known) if isinstance(values, Mapping) else "any value"
         return f"mapping of names to {kind_of_values}"
-    names = {"string": "text", "boolean": "true or false", "null": "none", None: "any value"}
-    words = str(names.get(kind, kind))
+    names = {"string": "text", "boolean": "true or false", "null": "none"}
+    words = "any value" if kind is None else names.get(kind, str(kind))
     above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
     bounds = "" if above is None else f", above {above:g}"
     bounds += "" if below is None else f", below {below:,}"

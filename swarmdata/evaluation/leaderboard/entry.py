@@ -111,11 +111,7 @@ def submit(
     digest = published()[recipe.id].digest
     is_onnx = all(run.suffix == ONNX_SUFFIX for run in runs)
     team = (_team_of_files if is_onnx else _team)(runs, recipe, digest)
-    if len(team.policies) < LEAST_SEEDS:
-        raise SpecError(
-            f"there are {len(team.policies)} policies, expected at least {LEAST_SEEDS} training "
-            "seeds; train with --seeds 5"
-        )
+    _check_number(team.policies)
     files = [out / policy_name(i, is_onnx=is_onnx) for i in range(len(team.policies))]
     for index, file in enumerate(files):
         if is_onnx:
@@ -137,6 +133,14 @@ def submit(
     evaluate_target(named, n_episodes, out / RESULTS, again=True, progress=progress)
     write_file(out / ENTRY, description.model_dump_json(indent=1).encode() + b"\n")
     return description
+
+
+def _check_number(policies: Sequence[object]) -> None:
+    if len(policies) < LEAST_SEEDS:
+        raise SpecError(
+            f"there are {len(policies)} policies, expected at least {LEAST_SEEDS} training seeds; "
+            "train with --seeds 5"
+        )
 
 
 def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:

@@ -117,11 +117,7 @@ def rank(
     rows = _rows(found, values, held_out, _scores(dataset, measured))
     one = next((each for each in measured if each is not None), None)
     return Ranking(
-        code_version=__version__,
-        dataset=dataset.id,
-        digest=dataset.digest,
-        view=dataset.view,
-        by=by,
+        code_version=__version__, dataset=dataset.id, digest=dataset.digest, view=dataset.view, by=by,
         n_validation_episodes=len(parts[1]),
         **{name: getattr(config, name) for name in RECORDED_SETTINGS},
         bound=values.bound,
@@ -130,7 +126,7 @@ def rank(
         n_score_episodes=None if one is None else len(one.seeds),
         policies=_sorted(rows, by),
         quality=_qualities(rows),
-    )
+    )  # fmt: skip
 
 
 def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool) -> Dataset:

@@ -31,8 +31,8 @@ def configs(make_study: Make, algorithms: Any, **changes: Any) -> list[dict[str,
 
 
 def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
-    own = {**MADDPG, "settings": {"actor_hidden": [4, 4], "rl_weight": 2}}
-    half, own = configs(make_study, {"maddpg_bc": {}, "own": own}, budget=0.5)
+    row = {**MADDPG, "settings": {"actor_hidden": [4, 4], "rl_weight": 2}}
+    half, own = configs(make_study, {"maddpg_bc": {}, "own": row}, budget=0.5)
     assert half["n_updates"] == 9000
     assert (half["actor_hidden"], half["critic_hidden"]) == ([8], [8])
     assert (own["n_updates"], own["rl_weight"]) == (10, 2.0)
@@ -40,8 +40,8 @@ def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
 
 
 def test_widths_are_of_actors_and_critics_and_not_of_what_teaches_them(make_study: Make) -> None:
-    flow = {"algorithm": "mac_flow", "settings": {"flow_hidden": [4, 4]}}
-    own, wide = configs(make_study, {"mac_flow": {}, "wide": flow})
+    row = {"algorithm": "mac_flow", "settings": {"flow_hidden": [4, 4]}}
+    own, wide = configs(make_study, {"mac_flow": {}, "wide": row})
     assert (own["actor_hidden"], own["critic_hidden"]) == ([8], [8])
     assert own["flow_hidden"] == list(MACFlowConfig().flow_hidden)
     assert wide["flow_hidden"] == [4, 4]
