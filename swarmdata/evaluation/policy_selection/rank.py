@@ -117,7 +117,8 @@ def rank(
     rows = _rows(found, values, held_out, _scores(dataset, measured))
     one = next((each for each in measured if each is not None), None)
     return Ranking(
-        code_version=__version__, dataset=dataset.id, digest=dataset.digest, view=dataset.view, by=by,
+        code_version=__version__, dataset=dataset.id, digest=dataset.digest, view=dataset.view,
+        by=by,
         n_validation_episodes=len(parts[1]),
         **{name: getattr(config, name) for name in RECORDED_SETTINGS},
         bound=values.bound,
