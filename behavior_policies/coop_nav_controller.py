@@ -33,7 +33,8 @@ def assign_goals(
     """Writes the goal of each robot, m, [E, N, 2]: the assignment with the least sum of squares.
 
     The squares of the distances keep any robot from having much farther to go than the others: the
-    last to arrive decides. `work` and `places` are the memory of `assignment.assign`.
+    last to arrive decides. Rows `copies` of `states` [E, S] are read. `work` and `places` are the
+    memory of `assignment.assign`.
     """
     costs = np.empty((n, n))
     for b in copies:
@@ -143,7 +144,8 @@ def lane_targets(robots: Float, lanes: Lanes, convention: str) -> Double:
 def order_goals(states: Float, copies: Int, n: int, axis: int, out: Double) -> None:
     """Writes the goal of each robot, m, [E, N, 2]: robot i takes the i-th along x (0) or y (1).
 
-    Of goals with the same coordinate, the one with the lower number comes first.
+    Of goals with the same coordinate, the one with the lower number comes first. Rows `copies` of
+    `states` [E, S] are read.
     """
     for b in copies:
         for k in range(n):

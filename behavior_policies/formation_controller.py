@@ -47,18 +47,14 @@ class SlotPaths(NamedTuple):
 
 @kernel
 def next_free_position(
-    state: Float,
-    slot: tuple[float, float],
-    segment: float,
-    paths: SlotPaths,
-    need: float,
-    layout: Float,
+    state: Float,  # [S]
+    slot: tuple[float, float],  # its position in the reference's frame, m
+    segment: float,  # of the path, from its start until now
+    paths: SlotPaths,  # constants of robots and path
+    need: float,  # clearance of a free position, m
+    layout: Float,  # [M, 8] obstacles
 ) -> tuple[bool, float, float]:
-    """Whether a slot's path has a free position ahead, and the first one.
-
-    `slot`: its position in the reference's frame, m. `segment`: of the path, from its start until
-    now. `need`: clearance of a free position, m.
-    """
+    """Whether a slot's path has a free position ahead, and the first one."""
     pose, first = np.empty(4), paths.first
     end = float((state.shape[0] - first) // 2 - 3)
     for look in range(1, N_LOOKS + 1):
@@ -77,7 +73,10 @@ def next_free_position(
 def aim_at_slots(
     states: Float, times: Int, layouts: Float, paths: SlotPaths, targets: Double, drifts: Double
 ) -> None:
-    """Writes the robots' targets, m, and the velocities of these, m/s, both [E, N, 2]."""
+    """Writes the robots' targets, m, and the velocities of these, m/s, both [E, N, 2].
+
+    `states` are [E, S], `times` the control steps taken, [E], and `layouts` [E, M, 8].
+    """
     n = paths.radii.shape[0]
     at = N_COLUMNS * n
     for b in range(states.shape[0]):

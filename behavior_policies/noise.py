@@ -35,7 +35,10 @@ def check_noise(noise: float) -> float:
 
 
 def add_noise(actions: Double, step: Step, noise: float) -> Double:
-    """Returns mean actions plus Gaussian noise of this deviation, clipped to [-1, 1], [E, N, A]."""
+    """Returns `actions` [E, N, A] plus Gaussian noise, clipped to [-1, 1].
+
+    `noise` is its standard deviation; 0 only clips.
+    """
     if noise > 0.0:
         _, n_agents, size = actions.shape
         actions = actions + noise * normal(counters(step, "noise", n_agents, size))

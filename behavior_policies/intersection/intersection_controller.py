@@ -120,7 +120,7 @@ def came_from(robot: Double, goal: int, rules: Rules) -> int:
 
 @kernel
 def may_enter(i: int, robots: Double, rules: Rules) -> bool:
-    """Whether robot i, which approaches the middle square, may enter it."""
+    """Whether robot i of `robots` [N, 10], which approaches the middle square, may enter it."""
     _, movement, distance = movement_of(robots[i], rules)
     n_ahead = 0
     for j in range(robots.shape[0]):
@@ -140,7 +140,7 @@ def may_enter(i: int, robots: Double, rules: Rules) -> bool:
 
 @kernel
 def steer(i: int, robots: Double, rules: Rules) -> tuple[float, float]:
-    """Returns the point that robot i steers at, m; its own place if it has to wait there."""
+    """Where robot i of `robots` [N, 10] steers, m; its own place if it has to wait there."""
     robot = robots[i]
     x, y, tx, ty = robot[0], robot[1], robot[4], robot[5]
     arm, goal = arm_at(x, y), arm_at(tx, ty)
@@ -192,6 +192,7 @@ def act_copies(
     """Writes the commands of all robots of all copies, in [-1, 1], [E, N, 2].
 
     `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, crossing, wait, [E, N, 10].
+    `layouts`: corners, [E, 4, 8].
     """
     limits, n_robots = team.limits, all_robots.shape[1]
     aims = np.empty((n_robots, 3))

@@ -31,20 +31,16 @@ GIVE_WAY_DISTANCE = 0.5  # m from its goal within which a robot gives way
 
 @kernel
 def surface_half_planes(
-    x: float,
-    y: float,
-    radius: float,
-    primitives: Float,
-    half: Double,
-    planes: Double,
-    time: float = 1.0,
-    length: float = 1.0,
+    x: float,  # m
+    y: float,  # m
+    radius: float,  # of the robot, m
+    primitives: Float,  # [P, 8] convex obstacles
+    half: Double,  # [2] half width and half height of the arena, m
+    planes: Double,  # [P + 4, 4] or more, written from row 0
+    time: float = 1.0,  # the robot's time scale (`robot_scales`)
+    length: float = 1.0,  # its length scale
 ) -> int:
-    """Writes the velocities with which a robot at (x, y) can still brake before surfaces near it.
-
-    `primitives`: convex obstacles, [P, 8]. `planes`: at least [P + 4, 4]. `time`, `length`: its
-    scales.
-    """
+    """Writes the velocities with which a robot at (x, y) can still brake before surfaces."""
     n = 0
     reach, brake = radius + SURFACE_REACH * length, BRAKING_TIME * time
     for m in range(primitives.shape[0]):
@@ -100,7 +96,8 @@ def brake_half_planes(
 ) -> int:
     """Writes the velocities with which robot i can still brake before every robot near it.
 
-    One that drives away allows a higher speed. Zero velocity is always among them.
+    One that drives away allows a higher speed. Zero velocity is always among them. `robots`: x, y,
+    vx, vy first, [N, C]. `radii`: m, [N].
     """
     for j in range(robots.shape[0]):
         time, length = pair_scales(i, j, scales)
@@ -119,20 +116,15 @@ def brake_half_planes(
 @kernel
 def robot_half_planes(
     i: int,
-    robots: Double,
-    radii: Double,
-    scales: Double,
-    aims: Double,
-    rule: tuple[float, float],
-    n: int,
-    planes: Double,
+    robots: Double,  # [N, C] columns x, y, vx, vy first
+    radii: Double,  # [N] m
+    scales: Double,  # [N, 2] of time and length (`robot_scales`)
+    aims: Double,  # [N, 3] preferred velocity, m/s; distance to the goal, m, decides who gives way
+    rule: tuple[float, float],  # horizon of avoidance, s; gap kept, m
+    n: int,  # half-planes written so far
+    planes: Double,  # written from row n
 ) -> int:
-    """Writes the velocities of robot i that are safe with the robots near it.
-
-    `aims`: preferred velocity (m/s) and distance to the goal (m), which decides who gives way, of
-    every robot, [N, 3]. `rule`: horizon for which robots avoid each other, s, and gap kept between
-    them, m.
-    """
+    """Writes the velocities of robot i that are safe with the robots near it."""
     velocity, (horizon, gap) = (robots[i, 2], robots[i, 3]), rule
     for j in range(robots.shape[0]):
         time, length = pair_scales(i, j, scales)

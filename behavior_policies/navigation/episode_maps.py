@@ -107,7 +107,11 @@ class EpisodeMaps:
         self._maps.costs[copies, :, 0], self._maps.goals[copies] = UNPLANNED_COST, np.inf
 
     def of(self, step: Step) -> Maps:
-        """Returns the maps of a step's episodes; raises if `reset` was not called for one."""
+        """Returns the maps of a step's episodes.
+
+        Raises:
+            SchemaError: `reset` was not called for one of them.
+        """
         if not (self._is_mapped.all() and np.array_equal(self._seeds, step.seeds)):
             raise SchemaError(
                 "the scripted policy has no map of some episodes of this step. Call "

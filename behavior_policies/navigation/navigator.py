@@ -33,7 +33,7 @@ TARGET_REPLAN_DISTANCE = 0.1  # m that a target moves before the path to it is p
 def turned_right(
     i: int, robots: Double, aim: tuple[float, float], near: float = TURN_DISTANCE
 ) -> tuple[float, float]:
-    """The aim (m/s) of robot i, turned 0.3 rad to the right if a robot is near (m) and ahead."""
+    """Returns the aim (m/s) of robot i, turned 0.3 rad right if one within `near` (m) is ahead."""
     for j in range(robots.shape[0]):
         x, y = robots[j, 0] - robots[i, 0], robots[j, 1] - robots[i, 1]
         if j != i and x * x + y * y < near * near and x * aim[0] + y * aim[1] > 0.0:

@@ -22,19 +22,16 @@ PARALLEL_TOLERANCE = 1e-9  # unit directions whose determinant is below this cou
 
 @kernel
 def robot_half_plane(
-    offset: tuple[float, float],
-    velocity: tuple[float, float],
-    other: tuple[float, float],
-    reach: float,
-    rule: tuple[float, float, float],
-    out: Double,
+    offset: tuple[float, float],  # of the other robot from this one, m
+    velocity: tuple[float, float],  # of this robot, m/s
+    other: tuple[float, float],  # of the other robot, m/s
+    reach: float,  # distance of centres to keep, m
+    rule: tuple[float, float, float],  # horizon, s; time to end an overlap, s; own share
+    out: Double,  # [4] written
 ) -> None:
     """Writes the velocities that avoid another robot for the horizon (paper, section 4).
 
-    `offset`: position of the other robot relative to this one, m. `velocity`, `other`: of this and
-    of the other robot, m/s. `reach`: distance of centres to keep, m. `rule`: horizon, s; time in
-    which an overlap of `reach` is resolved, s; and the share of the correction taken by this robot,
-    1/2 where both do the same.
+    The share, of the correction, is 1/2 where both robots do the same.
     """
     horizon, recovery, share = rule
     x, y = offset
@@ -70,7 +67,10 @@ def robot_half_plane(
 
 @kernel
 def damper_half_plane(nx: float, ny: float, bound: float, out: Double) -> None:
-    """Writes the velocities of at most `bound` m/s along the unit vector (nx, ny)."""
+    """Writes the velocities of at most `bound` m/s along the unit vector (nx, ny), [4].
+
+    The vector points to an obstacle; a negative bound means to back off.
+    """
     out[0], out[1], out[2], out[3] = nx * bound, ny * bound, -ny, nx
 
 
@@ -84,7 +84,11 @@ def _outside(plane: Double, vx: float, vy: float) -> float:
 def best_on_line(
     planes: Double, k: int, limit: float, aim: tuple[float, float], is_direction: bool
 ) -> tuple[bool, float, float]:
-    """Whether half-plane k has a border within those before it; and the best velocity on it."""
+    """Finds the best velocity, m/s, on the border of half-plane k within those before it.
+
+    Returns:
+        Whether there is one, and the velocity.
+    """
     px, py, dx, dy = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
     middle = px * dx + py * dy
     room = middle * middle + limit * limit - (px * px + py * py)
@@ -189,7 +193,7 @@ def _bisector(k: Double, i: Double, out: Double) -> bool:
 def solve(
     planes: Double, n: int, n_hard: int, limit: float, aim: tuple[float, float]
 ) -> tuple[float, float]:
-    """Returns the safe velocity nearest to `aim`; if there is none, the least unsafe one."""
+    """Returns the safe velocity (m/s) nearest to `aim`; if there is none, the least unsafe one."""
     failed, vx, vy = best_velocity(planes, n, limit, aim, False)
     if failed < n:
         vx, vy = least_violating(planes, n, n_hard, failed, limit, (vx, vy))

@@ -40,8 +40,9 @@ def drive_in_traffic(
 ) -> None:
     """Writes the commands of all robots of one copy, in [-1, 1], [N, 2].
 
-    `robots`: x, y, vx, vy, target x and y, heading ux and uy first. `aims`: as of
-    `robot_half_planes`, with anything that decides who gives way. `layout`: convex obstacles.
+    `robots`: x, y, vx, vy, target x and y, heading ux and uy first, [N, C]. `aims`: [N, 3] as of
+    `robot_half_planes`, with anything that decides who gives way. `layout`: convex obstacles,
+    [M, 8].
     """
     radii, limits, scales, _, dt = team
     n_robots, rule = robots.shape[0], (TRAFFIC_HORIZON, TRAFFIC_ROBOT_GAP)
@@ -64,7 +65,7 @@ class TrafficController(Controller):
 
     It knows the floor, and the positions, velocities and targets of all robots (`step.states`).
     `act_copies` is the task's kernel, which writes the commands of all copies, `rules` its
-    argument.
+    argument. `noise` that is not a standard deviation raises a `SpecError`.
     """
 
     has_memory = False

@@ -24,20 +24,16 @@ TURN_MIN_SPEED_SHARE = 0.002  # share of the maximum speed below which a unicycl
 
 @kernel
 def command_of(
-    velocity: tuple[float, float],
-    heading: tuple[float, float],
-    wish: tuple[float, float],
-    limit: Double,
-    planes: Double,
-    n_planes: int,
-    dt: float,
-    out: Double,
+    velocity: tuple[float, float],  # of the robot, m/s
+    heading: tuple[float, float],  # unit vector
+    wish: tuple[float, float],  # wanted velocity, at most the robot's maximum speed, m/s
+    limit: Double,  # [9] row of `dynamics.limits_of`
+    planes: Double,  # [K, 4] of safe velocities (`orca`), most important ones first
+    n_planes: int,  # number of half-planes
+    dt: float,  # control step, s
+    out: Double,  # [2] written, in [-1, 1]
 ) -> None:
-    """Writes the command of one robot, in [-1, 1], [2].
-
-    `wish`: the wanted velocity, at most the robot's maximum speed, m/s. `planes`: half-planes of
-    safe velocities (`orca`), most important ones first, [K, 4].
-    """
+    """Writes the command of one robot."""
     if limit[UNICYCLE] == 1.0:
         out[1], top = turn_command(heading, wish, limit, dt), limit[SPEED]
         if limit[DIFFERENTIAL] == 1.0:  # wheels share their speed between driving and turning
@@ -84,10 +80,10 @@ def turn_command(
 
 @kernel
 def speed_along(
-    heading: tuple[float, float],
-    wish: tuple[float, float],
-    top: float,
-    planes: Double,
+    heading: tuple[float, float],  # unit vector
+    wish: tuple[float, float],  # m/s
+    top: float,  # largest speed, m/s
+    planes: Double,  # [K, 4] as in `command_of`
     n_planes: int,
 ) -> float:
     """The safe speed along a heading that is nearest to a velocity's component along it, m/s.

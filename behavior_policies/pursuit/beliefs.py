@@ -140,7 +140,7 @@ def doubt(i: int, heard: Double, layout: Float, hunt: Hunt, beliefs: Beliefs) ->
 def update_beliefs(
     state: Float, heard: Double, layout: Float, hunt: Hunt, beliefs: Beliefs
 ) -> None:
-    """Updates the beliefs of one episode in a control step."""
+    """Updates the beliefs of one episode in a control step, by `state` [S] and `layout` [M, 8]."""
     n, is_limited = heard.shape[0], hunt.columns.memory >= 0
     for v in range(beliefs.ages.shape[0]):
         believe_sight(v, v, state, hunt, beliefs)

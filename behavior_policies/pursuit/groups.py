@@ -140,10 +140,13 @@ def goals_of_rings(
 
 @kernel
 def goals_of_chases(v: int, leads: Double, hunt: Hunt, beliefs: Beliefs, goals: Double) -> Bool:
-    """Writes where robots drive to that each chase the nearest evader; returns which do, [N].
+    """Writes where robots drive to that each chase the nearest evader, m, [N, 2].
 
     `leads`: of each robot, share of its time to the evader, and largest time (s), by which it aims
     ahead, [N, 2].
+
+    Returns:
+        Which of them do, [N].
     """
     n = beliefs.mates.shape[1]
     chases = np.zeros(n, np.bool_)
@@ -166,19 +169,16 @@ def goals_of_chases(v: int, leads: Double, hunt: Hunt, beliefs: Beliefs, goals: 
 
 @kernel
 def choose_goals(
-    seed: np.uint64,
-    time: int,
-    layout: Float,
-    leads: Double,
-    hunt: Hunt,
-    beliefs: Beliefs,
-    plans: Plans,
-    goals: Double,
+    seed: np.uint64,  # of the episode
+    time: int,  # control step
+    layout: Float,  # [M, 8] obstacles
+    leads: Double,  # [N, 2] of robots that chase (`goals_of_chases`); [0, 2] for rings
+    hunt: Hunt,  # constants
+    beliefs: Beliefs,  # of the robots
+    plans: Plans,  # of the robots; changed
+    goals: Double,  # [N, 2] written, m
 ) -> None:
-    """Writes where the robots of one episode drive to, m, [N, 2].
-
-    `leads`: of robots that chase (`goals_of_chases`); [0, 2] for rings.
-    """
+    """Writes where the robots of one episode drive to."""
     n, n_views = goals.shape[0], beliefs.ages.shape[0]
     decided = np.empty((n, 2))
     for v in range(n_views):

@@ -29,13 +29,13 @@ def choose_all(
     seeds: Seeds,
     times: Int,
     states: Float,
-    heard: Double,
+    heard: Double,  # [E, N, N, 5] of `heard_goals`
     layouts: Float,
-    leads: Double,
+    leads: Double,  # [N, 2] or [0, 2]
     hunt: Hunt,
     beliefs: Beliefs,
     plans: Plans,
-    goals: Double,
+    goals: Double,  # [E, N, 2] written, m
 ) -> None:
     """Writes where the robots of all copies go, as `choose_goals` does for one."""
     for b in range(states.shape[0]):

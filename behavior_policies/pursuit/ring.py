@@ -116,7 +116,10 @@ def write_slots(
 def assign_slots(
     place: Double, members: Double, radius: float, layout: Float, hunt: Hunt, out: Double
 ) -> None:
-    """Writes the slot of each member on a ring of this radius (m) around an evader, m, [Q, 2]."""
+    """Writes the slot of each member on a ring of this radius (m) around an evader, m, [Q, 2].
+
+    `layout`: obstacles, [M, 8].
+    """
     n, q, least = hunt.directions.shape[0], members.shape[0], math.inf
     are_open, shares, slots = np.empty(n, np.bool_), np.empty(n), np.empty((q, 2))
     are_all_open = find_open(place, radius, layout, hunt, are_open)
@@ -193,18 +196,18 @@ def travel(place: Double, member: Double, slot: Double, hunt: Hunt, out: Double)
 
 @kernel
 def ring_goals(
-    place: Double,
-    velocity: Double,
-    members: Double,
-    phase: tuple[bool, int],
-    layout: Float,
-    hunt: Hunt,
-    goals: Double,
+    place: Double,  # [2] of the evader, m
+    velocity: Double,  # [2] of the evader, m/s
+    members: Double,  # [Q, 2] places of the robots, m
+    phase: tuple[bool, int],  # what this returned in the step before; (False, 0) at first
+    layout: Float,  # [M, 8] obstacles
+    hunt: Hunt,  # constants
+    goals: Double,  # [Q, 2] written, m
 ) -> tuple[bool, int]:
-    """Writes where the robots of a ring drive to, m, [Q, 2].
+    """Writes where the robots of a ring drive to.
 
-    `velocity`: of the evader, m/s, [2]. `phase`: what this returned in the step before, at first
-    (False, 0): whether the ring closes in, and how long it has waited.
+    Returns:
+        Whether the ring closes in, and how long it has waited, control steps.
     """
     q = members.shape[0]
     slots, is_filled = np.empty((q, 2)), True

@@ -117,18 +117,15 @@ def is_dismissed(
 @kernel
 def list_victims(
     i: int,
-    own: int,
-    state: Float,
-    heard: Double,
-    time: int,
-    floor: Floor,
-    notes: Notes,
-    out: Double,
+    own: int,  # the victim that it knows itself, or `NO_INDEX`
+    state: Float,  # [S]
+    heard: Double,  # [N, N, 5]; a robot's own row says where it is
+    time: int,  # control step
+    floor: Floor,  # constants
+    notes: Notes,  # of the robots
+    out: Double,  # [N, 2] written, m
 ) -> int:
-    """Writes the places of victims that robot i knows or is told of, [N, 2]; returns how many.
-
-    `own`: the victim that it knows itself, or `NO_INDEX`.
-    """
+    """Writes the places of victims that robot i knows or is told of; returns how many."""
     count = 0
     for j in range(heard.shape[1]):
         if heard[i, j, MASK] == 0.0 or (j == i and own < 0):
@@ -154,7 +151,7 @@ def list_victims(
 
 @kernel
 def assigned_victim(i: int, victims: Double, heard: Double, helpers: int) -> int:
-    """Which of the victims [V, 2], in order, robot i assigns itself to, or `NO_INDEX`."""
+    """Which of the victims [V, 2] (m), in order, robot i assigns itself to, or `NO_INDEX`."""
     is_free = heard[i, :, MASK] > 0.0
     for v in range(victims.shape[0]):
         for _ in range(helpers):
@@ -249,7 +246,10 @@ def has_waited(i: int, own: int, state: Float, time: int, floor: Floor, notes: N
 def choose_goals(
     state: Float, heard: Double, layout: Float, time: int, floor: Floor, notes: Notes, goals: Double
 ) -> None:
-    """Writes where each robot of one episode goes, m, [N, 2]."""
+    """Writes where each robot of one episode goes, m, [N, 2].
+
+    `state` is [S], `heard` [N, N, 5], `layout` [M, 8], and `time` the control step.
+    """
     n = heard.shape[0]
     victims = np.empty((n, 2))
     for i in range(n):
@@ -272,12 +272,12 @@ def choose_goals(
 @kernel
 def choose_all(
     states: Float,
-    heard: Double,
+    heard: Double,  # [E, N, N, 5]
     layouts: Float,
     times: Int,
     floor: Floor,
     notes: Notes,
-    goals: Double,
+    goals: Double,  # [E, N, 2] written, m
 ) -> None:
     """Writes where the robots of all copies go, as `choose_goals` does for one."""
     for b in range(states.shape[0]):

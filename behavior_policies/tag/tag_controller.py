@@ -28,22 +28,18 @@ CLEARANCE = 0.03  # m that the evader keeps from obstacles and robots: it cannot
 
 @kernel
 def flee(
-    seeds: Seeds,
-    times: Int,
-    states: Float,
-    layouts: Float,
-    model: EvaderModel,
-    radii: Double,
-    limit: Double,
-    are_alarmed: Bool,
-    headings: Double,
-    out: Double,
+    seeds: Seeds,  # [E] of the episodes
+    times: Int,  # [E] control steps
+    states: Float,  # [E, S]
+    layouts: Float,  # [E, M, 8] obstacles
+    model: EvaderModel,  # of the evader
+    radii: Double,  # [N - 1] of the pursuers, m
+    limit: Double,  # [9] of the evader, a row of `dynamics.limits_of`
+    are_alarmed: Bool,  # [E] changed
+    headings: Double,  # [E, 2] in which they wander, changed
+    out: Double,  # [E, 2] written, in [-1, 1]
 ) -> None:
-    """Writes the commands of the evaders of all copies, [E, 2].
-
-    `radii`: of the pursuers, m, [N - 1]. `are_alarmed` [E] and `headings` [E, 2], in which they
-    wander, are changed.
-    """
+    """Writes the commands of the evaders of all copies."""
     n, nothing = radii.shape[0], np.empty((0, 4))
     for b in range(states.shape[0]):
         robots, e, layout = places_of(states[b], n), N_COLUMNS * n, layouts[b]

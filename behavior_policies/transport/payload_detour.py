@@ -137,12 +137,12 @@ def _relax(points: Double, tolls: Double, costs: Double) -> None:
 @kernel
 def detour_waypoint(
     i: int,
-    pushers: Pushers,
-    end: tuple[float, float],
+    pushers: Pushers,  # the team
+    end: tuple[float, float],  # m, a point beside the payload
     payload: PayloadState,
-    radius: float,
-    ground: Ground,
-    rings: Rings,
+    radius: float,  # of the robots, m
+    ground: Ground,  # the free space
+    rings: Rings,  # from `fill_rings`
 ) -> tuple[bool, float, float]:
     """Whether robot i sees a point of its path to `end`, beside the payload, and that point, m."""
     (points, is_free), robots = rings, pushers.robots

@@ -29,17 +29,16 @@ KEEP_CLEAR_LENGTH = 1.5  # m of the payload's path that they keep clear
 
 @kernel
 def follow_slot(
-    robot: Double,
-    body: Double,
-    push: tuple[float, float, float, float],
-    force: float,
-    dt: float,
-    out: Double,
+    robot: Double,  # [C] x, y, vx, vy
+    body: Double,  # [7] columns `state_layout.BODY`
+    push: tuple[float, float, float, float],  # from `push_team.contact`
+    force: float,  # N
+    dt: float,  # control step, s
+    out: Double,  # [3 or more] written, see the module
 ) -> None:
     """Writes the velocity of a robot in its slot: with the payload, and pushing by `force` N.
 
     A robot of mass 1 kg that commands a velocity `force * dt` above its own accelerates by `force`.
-    `push` is that of `push_team.contact`.
     """
     nx, ny, left, off = push
     ahead = body[2] * nx + body[3] * ny + APPROACH_RATE * off
@@ -52,14 +51,14 @@ def follow_slot(
 @kernel
 def go_to_slot(
     i: int,
-    setup: PushSetup,
+    setup: PushSetup,  # constants of payload and team
     payload: PayloadState,
-    slot: Double,
-    pushers: Pushers,
-    rings: Rings,
-    ground: Ground,
-    paths: Paths,
-    out: Double,
+    slot: Double,  # [4] of the robot
+    pushers: Pushers,  # the team
+    rings: Rings,  # from `payload_detour.fill_rings`
+    ground: Ground,  # the free space
+    paths: Paths,  # of the robots to the payload, for robots that do not see it
+    out: Double,  # [3 or more] written, see the module
 ) -> None:
     """Writes the velocity of robot i on its way to its slot, by `paths` if that is hidden."""
     robot, radius = pushers.robots[i], setup.radii[i]
@@ -87,11 +86,11 @@ def go_to_slot(
 @kernel
 def keep_clear(
     i: int,
-    robot: Double,
-    setup: PushSetup,
-    body: Double,
-    direction: tuple[float, float],
-    out: Double,
+    robot: Double,  # [C] position first
+    setup: PushSetup,  # constants of payload and team
+    body: Double,  # [7] columns `state_layout.BODY`
+    direction: tuple[float, float],  # unit vector of the payload's path
+    out: Double,  # [3 or more] written, see the module
 ) -> None:
     """Writes the velocity of a robot without a slot: away from the payload and its path."""
     dx, dy, shape = robot[0] - body[0], robot[1] - body[1], setup.shape
@@ -115,7 +114,8 @@ def payload_half_plane(
 ) -> int:
     """Adds velocities with which a robot does not run into the payload; returns the rows so far.
 
-    `row`: the payload as an obstacle, from `payload.place_row`, [8]. `planes`: written from row n.
+    `row`: the payload as an obstacle, from `payload.place_row`, [8]. `planes` [K, 4] are written
+    from row n.
     """
     d, vx, vy = nearest(robot[0], robot[1], row)
     if not 0.0 < d < radius + 0.4:
@@ -132,7 +132,8 @@ def away_from_surfaces(
 ) -> tuple[float, float]:
     """The direction of `aim`, turned away from a surface that is near, as a unit vector.
 
-    `aim`: wanted displacement of the payload. `reach`: radius of a circle about the payload, m.
+    `aim`: wanted displacement of the payload, of any length. `reach`: radius of a circle about the
+    payload, m.
     """
     x, y = body[0], body[1]
     length = max(math.sqrt(aim[0] * aim[0] + aim[1] * aim[1]), 1e-9)

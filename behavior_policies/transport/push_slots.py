@@ -42,7 +42,7 @@ class SlotSearch(NamedTuple):
 
 @kernel
 def face_normal(body: Double, face: int) -> tuple[float, float]:
-    """Direction of the push that a face takes, in the world's frame."""
+    """Direction of the push that a face takes, a unit vector, by the payload's `body` [7]."""
     ux, uy = body[4], body[5]
     nx, ny = (ux, uy) if face < 2 else (-uy, ux)
     return (nx, ny) if face % 2 == 0 else (-nx, -ny)

@@ -27,7 +27,8 @@ def assign_slots(
     """Writes the slot of each robot, or -1, [N]; starts from those in `out` if all slots are taken.
 
     Path lengths count by their squares: two robots move a little rather than one past the other.
-    `margin`: by which a straight path must miss the payload, m.
+    `slots`: of `push_slots.choose_slots`, [K, 4], K at most N. `margin`: by which a straight path
+    must miss the payload, m.
     """
     n, k = robots.shape[0], slots.shape[0]
     costs = np.empty((n, k))
@@ -75,7 +76,7 @@ def contact(
     """Direction of a robot's push, and how far its slot is to the left and ahead of it, m.
 
     At a box it pushes along the face's normal, wherever it stands; at a circle towards the centre.
-    `inset`: how much smaller the robot's radius is than that of the slots, m.
+    `inset`: how much smaller the robot's radius is than that of the slots, m. `slot`: [4].
     """
     body, shape = payload
     dx, dy, nx, ny = slot[0] - robot[0], slot[1] - robot[1], slot[2], slot[3]
@@ -101,7 +102,7 @@ def stands(left: float, ahead: float, is_circle: bool, was_pushing: bool) -> boo
 def feasible_direction(direction: tuple[float, float], pushes: Double) -> tuple[float, float]:
     """The direction nearest to the wanted one in which pushes [K, 4] can move the payload.
 
-    A unit vector, or (0, 0) if none of the pushes has a component along the direction.
+    A unit vector, or (0, 0) if no push, a position and a direction, has a component along it.
     """
     wx, wy = 0.0, 0.0
     for k in range(pushes.shape[0]):
@@ -150,8 +151,11 @@ def push_forces(
     """Writes the force (N, not negative) of each push [K, 4] that moves the payload, [K].
 
     The team's force overcomes friction and corrects the velocity; it is shared among the robots of
-    a face, and the side that lags behind pushes harder. Returns whether these pushes start the
-    payload closely enough along the `feasible_direction`, without turning it.
+    a face, and the side that lags behind pushes harder. A push is a position and a direction;
+    `direction` is that of `feasible_direction`.
+
+    Returns:
+        Whether these pushes start the payload closely enough along it, without turning it.
     """
     mass, friction = setup.moved_mass / VELOCITY_RESPONSE_TIME, setup.friction
     dx, dy = direction

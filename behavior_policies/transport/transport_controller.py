@@ -147,8 +147,9 @@ def act_copies(
 ) -> None:
     """Writes the velocity of every robot of all copies, m/s, [E, N, 2].
 
-    `all_robots`: columns x, y, vx, vy, goal x, goal y, [E, N, 6]. `memory`: faces, number of slots,
-    whether the robots push, slots of the robots, [E, 4 + N].
+    `all_robots`: columns x, y, vx, vy, goal x, goal y, [E, N, 6]. `bodies`: [E, 7]. `maps`: with
+    paths to `PAYLOAD_GOAL` and `ROBOTS_GOAL`. `memory`: faces, number of slots, whether the robots
+    push, slots of the robots, [E, 4 + N].
     """
     n_robots, radii, rule = all_robots.shape[1], setup.radii, (AVOIDANCE_HORIZON, ROBOT_GAP)
     planes = np.empty((maps.primitives.shape[1] + 5 + 2 * n_robots, 4))

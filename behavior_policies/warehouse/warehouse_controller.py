@@ -111,7 +111,8 @@ def act_copies(
 ) -> None:
     """Writes the commands of all robots of all copies, in [-1, 1], [E, N, 2].
 
-    `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8].
+    `all_robots`: x, y, vx, vy, target x and y, heading ux and uy, [E, N, 8]. `layouts`: shelves,
+    [E, M, 8].
     """
     limits, n_robots = team.limits, all_robots.shape[1]
     aims = np.empty((n_robots, 3))

@@ -46,18 +46,15 @@ PASSAGE_MARGIN = 0.1  # m by which a passage is wider than the robots that must 
 
 @kernel
 def _place(
-    anchors: Double,
-    jitter: float,
-    is_turned: bool,
-    has_heading: Bool,
-    seeds: Seeds,
-    copies: Int,
-    robots: Float,
+    anchors: Double,  # [N, 2] starts without jitter, m
+    jitter: float,  # m
+    is_turned: bool,  # starts are rotated, and goals are opposite; else goals are mirrored in x
+    has_heading: Bool,  # [N] whether a heading is drawn
+    seeds: Seeds,  # see `Place`
+    copies: Int,  # the same
+    robots: Float,  # the same
 ) -> None:
-    """Implements `Place`; `anchors` [N, 2] are starts without jitter, m.
-
-    If `is_turned`, starts are rotated, and goals are opposite; else goals are mirrored in x.
-    """
+    """Implements `Place`."""
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
         b = copies[k]

@@ -21,6 +21,8 @@ CELL_MARGIN = 0.1  # smallest excess width (m) of a cell over a robot with its c
 def walls_on_map(spec: TaskSpec, rows: Sequence[str], cell: float) -> Float:
     """Returns the walls of a map, [M, 8], between which a spec's robots start.
 
+    `rows`: of the map, the first at the top; `.` is free. `cell`: side of a cell, m.
+
     Raises:
         SpecError: the spec has other obstacles or another arena, or robots do not fit.
     """

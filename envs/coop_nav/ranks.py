@@ -27,15 +27,15 @@ Place = Callable[[Seeds, Int, Float], None]
 
 @kernel
 def _place(
-    starts: Double,
-    goals: Double,
-    jitter: float,
-    has_heading: Bool,
-    seeds: Seeds,
-    copies: Int,
-    robots: Float,
+    starts: Double,  # [N, 2] from left to right, without jitter, m
+    goals: Double,  # [N, 2] the same
+    jitter: float,  # m
+    has_heading: Bool,  # [N]
+    seeds: Seeds,  # see `Place`
+    copies: Int,  # the same
+    robots: Float,  # the same
 ) -> None:
-    """Implements `Place`; starts and goals, from left to right, are without jitter, m, [N, 2]."""
+    """Implements `Place`."""
     state = np.empty(1, np.uint64)
     for k in range(copies.shape[0]):
         state[0] = seeds[k] + np.uint64(LAYOUT_OFFSET)

@@ -73,7 +73,10 @@ def fill_distances(state: Float, n: int, out: Double) -> None:
 
 @kernel
 def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
-    """Turns the targets of newly spawned states into unassigned goals, in the rows `copies`."""
+    """Turns the targets of newly spawned states [E, S] into unassigned goals, in the rows `copies`.
+
+    `radius`: of goals, m.
+    """
     holders = np.empty(n, np.int64)
     for b in copies:
         for i in range(n):
@@ -85,18 +88,15 @@ def share_goals(states: Float, copies: Int, n: int, radius: float) -> None:
 
 @kernel
 def score_coverage(
-    before: Float,
-    after: Float,
-    active: Bool,
-    radius: float,
-    scratch: tuple[Double, Double, Int],
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # [E, S] states after the step; targets are written
+    active: Bool,  # [E]
+    radius: float,  # of goals, m
+    scratch: tuple[Double, Double, Int],  # overwritten: costs [N, N]; memory of `assign`
+    terms: Float,  # [E, N, R] progress and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Writes targets, the task's own terms, and whether all goals are covered, in active copies.
-
-    `scratch` is overwritten: costs [N, N], and the memory of `assignment.assign`.
-    """
+    """Writes targets, the task's own terms, and whether all goals are covered, in active copies."""
     n = terms.shape[1]
     costs, work, places = scratch
     for b in range(before.shape[0]):
@@ -115,7 +115,10 @@ def score_coverage(
 
 @kernel
 def write_goal_features(states: Float, active: Bool, n: int, radius: float, out: Float) -> None:
-    """Writes `goal_features` of every robot of the active copies, [E, N, 3 N]."""
+    """Writes `goal_features` of every robot of the active copies, [E, N, 3 N], by states [E, S].
+
+    `radius`: of goals, m.
+    """
     holders, order, distances = np.empty(n, np.int64), np.empty(n, np.int64), np.empty(n)
     for b in range(states.shape[0]):
         if not active[b]:

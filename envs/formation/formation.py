@@ -67,7 +67,10 @@ from swarmdata.types import Bool, Column, Episode, Float, Int, Metric, Seeds, St
 
 @kernel
 def score_formation(state: Float, tolerance: float, terms: Float) -> bool:
-    """Writes the task's own terms of one copy, and returns whether it is in formation."""
+    """Writes the task's own terms of one copy, [N, R]; returns whether it is in formation.
+
+    `state`: after the step, [S]. `tolerance`: m.
+    """
     n, total = terms.shape[0], 0.0
     for i in range(n):
         r = N_COLUMNS * i
@@ -86,19 +89,18 @@ def score_formation(state: Float, tolerance: float, terms: Float) -> bool:
 
 @kernel
 def advance(
-    states: Float,
-    times: Int,
-    active: Bool,
-    course: Course,
-    rule: tuple[float, int],
-    scratch: Scratch,
-    terms: Float,
-    solved: Bool,
+    states: Float,  # [E, S] robots are those after the step; targets and extras are written
+    times: Int,  # [E] control steps taken
+    active: Bool,  # [E]
+    course: Course,  # of the spec
+    rule: tuple[float, int],  # tolerance, m, and steps in formation that solve the task
+    scratch: Scratch,  # overwritten
+    terms: Float,  # [E, N, R] deviation, time and velocity are written
+    solved: Bool,  # [E] written
 ) -> None:
     """Completes the states of the active copies and scores them.
 
-    `rule`: tolerance, m, and steps in formation that solve the task; plain, since named tuples are
-    slower to pass.
+    `rule` is a plain tuple, since named ones are slower to pass.
     """
     tolerance, needed = rule
     held = N_COLUMNS * course[0].shape[0] + HELD
@@ -112,7 +114,10 @@ def advance(
 
 @kernel
 def write_formation_features(states: Float, active: Bool, n: int, out: Float) -> None:
-    """Writes 8 features of every robot in active copies, and 2 for each preview, [E, N, F]."""
+    """Writes 8 features of every robot in active copies, and 2 for each preview, [E, N, F].
+
+    `states` are [E, S], `active` [E].
+    """
     n_previews = (out.shape[2] - 8) // 2
     for b in range(states.shape[0]):
         if not active[b]:

@@ -216,7 +216,9 @@ def _draw(
 def draw_episodes(
     plan: EpisodePlan, seeds: Seeds, copies: Int, layouts: Float, states: Float
 ) -> None:
-    """Draws obstacles, robots and, at the end of a row, control points of the episodes `seeds`.
+    """Draws obstacles, robots and, at the end of a row, control points of the episodes `seeds` [C].
+
+    They are written to the rows `copies` of `layouts` [E, M, 8] and `states` [E, S].
 
     Raises:
         SpawnError: no episode was found in `spawn.max_attempts` attempts, though one may exist.

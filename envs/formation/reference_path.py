@@ -42,10 +42,10 @@ class PathPlan(NamedTuple):
 
 @kernel(inline="always")
 def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float, float, float]:
-    """Returns a path's position, and its first and second derivative by `s`.
+    """Returns a path's position (m), and its first and second derivative by `s`.
 
-    A row ends with the control points x, y, x, y, ..., m, of which `first` is the first index. `s`:
-    segments from the start, at least 0; beyond the end, the last segment is extrapolated.
+    `row` [first + 2 K] ends with the control points x, y, x, y, ..., m. `s`: segments from the
+    start, at least 0; beyond the end, the last segment is extrapolated.
     """
     k = min(int(s), (row.shape[0] - first) // 2 - 4)
     u = s - k
@@ -71,7 +71,10 @@ def spline(row: Float, first: int, s: float) -> tuple[float, float, float, float
 
 @kernel
 def write_pose(row: Float, first: int, s: float, out: Float | Double, at: int) -> None:
-    """Writes position (m) and heading of the reference to `out[at : at + 4]`."""
+    """Writes position (m) and heading (unit vector) of the reference to `out[at : at + 4]`.
+
+    Other arguments are those of `spline`.
+    """
     x, y, dx, dy, _, _ = spline(row, first, s)
     scale = 1.0 / math.sqrt(dx * dx + dy * dy)
     out[at], out[at + 1], out[at + 2], out[at + 3] = x, y, dx * scale, dy * scale
@@ -83,7 +86,8 @@ def write_motion(
 ) -> None:
     """Writes position (m), velocity (m/s), heading and turn rate (rad/s), 7 numbers.
 
-    The turn rate is that of the velocity's direction, (v x a) / |v|^2; `rate`: segments per second.
+    The turn rate is that of the velocity's direction, (v x a) / |v|^2. Arguments are those of
+    `write_pose`; `rate`: segments per second.
     """
     x, y, dx, dy, ddx, ddy = spline(row, first, s)
     square = dx * dx + dy * dy
@@ -95,10 +99,11 @@ def write_motion(
 
 @kernel
 def draw_path(state: Seeds, plan: PathPlan, points: Float) -> bool:
-    """Draws a path on which no slot is too fast, x, y, x, y, ..., m, [2 K]; False if it found none.
+    """Draws a path on which no slot is too fast; returns False if it found none.
 
     This random walk in the box never gets stuck: after every edge, a loop of the sharpest turns to
-    one side still fits. Where no random edge does, the walk takes the loop's next edge.
+    one side still fits. Where no random edge does, the walk takes the loop's next edge. `state`: of
+    the generator, [1]. `points`: written, control points x, y, x, y, ..., m, [2 K].
     """
     points[0] = plan.room[0] * (2.0 * next_uniform(state) - 1.0)
     points[1] = plan.room[1] * (2.0 * next_uniform(state) - 1.0)

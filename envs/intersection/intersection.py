@@ -99,7 +99,10 @@ class StartPlan(NamedTuple):
 
 @kernel
 def draw_starts(seeds: Seeds, copies: Int, plan: StartPlan, states: Float) -> None:
-    """Draws where the robots of the episodes `seeds` start, at rest; the rest of a state is 0."""
+    """Draws where the robots of the episodes `seeds` [C] start, at rest; the rest of a state is 0.
+
+    They are written to the rows `copies` of `states` [E, S].
+    """
     n = plan.radii.shape[0]
     state, order = np.empty(1, np.uint64), np.empty(n, np.int64)
     for c in range(copies.shape[0]):
@@ -160,7 +163,10 @@ def due_time(seed: np.uint64, robot: int, trip: int, headway: float) -> float:
 
 @kernel
 def start_trips(seeds: Seeds, copies: Int, entries: Double, headway: float, states: Float) -> None:
-    """Gives the robots, which are at their starts, their first trips."""
+    """Gives the robots, which are at their starts, their first trips, in rows `copies` of `states`.
+
+    `seeds`: of the episodes, [C]. `entries`: of the junction, m, [4, 2]. `headway`: s.
+    """
     for c in range(copies.shape[0]):
         row = states[copies[c]]
         n = row.shape[0] // (N_COLUMNS + N_EXTRAS)
@@ -173,16 +179,16 @@ def start_trips(seeds: Seeds, copies: Int, entries: Double, headway: float, stat
 
 @kernel
 def serve_trips(
-    before: Float,
-    after: Float,
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    entries: Double,
-    exits: Double,
-    rules: tuple[float, float, int, float],
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # states after the step; targets and extras, as before it, are updated
+    seeds: Seeds,  # [E]
+    times: Int,  # [E] control steps since the reset, this one included
+    active: Bool,  # [E]
+    entries: Double,  # [4, 2] of the junction
+    exits: Double,  # [4, 2] of the junction
+    rules: tuple[float, float, int, float],  # goal radius, m; headway, s; quota; control step, s
+    terms: Float,  # [E, N, R] progress, entry, crossing and time are written
+    solved: Bool,  # [E] written
 ) -> None:
     """Lets robots enter and leave in the active copies, and scores the step."""
     goal_radius, headway, quota, dt = rules

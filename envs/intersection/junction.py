@@ -110,10 +110,10 @@ def arm_at(x: float, y: float) -> int:
 def next_corner(
     x: float, y: float, target_x: float, target_y: float, half_width: float
 ) -> tuple[float, float]:
-    """Returns the point to drive to next: the target, or where the path turns before it.
+    """Returns the point (m) to drive to next: the target, or where the path turns before it.
 
     A robot in an arm drives along it, before it turns into one that crosses it. With noise, it may
-    believe that it is inside a corner.
+    believe that it is inside a corner. The target is a gate. `half_width`: of an arm, m.
     """
     if abs(y) > half_width and abs(target_x) > half_width:
         return x, target_y

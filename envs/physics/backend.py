@@ -57,7 +57,7 @@ class Backend(Protocol):
     def reset(self, copies: Int, layouts: Float, moving: Moving) -> None:
         """Starts new worlds in `copies`, [C], from which their history must not show in any bit.
 
-        `layouts` are those of all copies, `moving` is in these copies.
+        `layouts` [E, M, 8] are those of all copies, `moving` is in these copies.
         """
         ...
 

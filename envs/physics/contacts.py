@@ -69,19 +69,19 @@ def _static_contacts(
 
 @kernel
 def update_contacts(
-    positions: Double,
-    radii: Double,
-    layout: Float,
-    half: Double,
-    robots: Bool,
-    obstacles: Bool,
-    slack: Double,
-    events: Counts,
+    positions: Double,  # [N, any] the first two columns, m
+    radii: Double,  # [N] m
+    layout: Float,  # [M, 8] obstacles
+    half: Double,  # [2] half width and half height of the arena, m
+    robots: Bool,  # [N, N] upper triangle, read and written
+    obstacles: Bool,  # [N, M + 4] read and written
+    slack: Double,  # [N, 3] read and written, as in `backend.Contacts`
+    events: Counts,  # [N, 4] columns `types.EVENTS`, added to
 ) -> None:
     """Updates the contacts of one copy, of its pairs of robots and with obstacles and walls.
 
-    `slack` as in `backend.Contacts`: a robot that has moved less cannot touch anything static.
-    Events [N, 4] are added to; onsets count for both robots of a pair.
+    A robot that has moved less than its slack cannot touch anything static. Onsets count for both
+    robots of a pair.
     """
     _robot_contacts(positions, radii, robots, events)
     for i in range(positions.shape[0]):

@@ -62,22 +62,19 @@ def limits_of(spec: TaskSpec) -> Double:
 
 @kernel
 def begin_step(
-    limits: Double,
-    active: Bool,
-    commands: Double,
-    actions: Float | Double,
-    terminations: Bool,
-    truncations: Bool,
-    old_times: Int,
-    old_states: Float,
-    times: Int,
-    states: Float,
-    events: Counts,
+    limits: Double,  # [N, 9]
+    active: Bool,  # [E] written: the copies that have not ended
+    commands: Double,  # [E, N, 2] written
+    actions: Float | Double,  # [E, N, A] the first two columns are commands
+    terminations: Bool,  # [E] of the step before
+    truncations: Bool,  # [E] of the step before
+    old_times: Int,  # [E] of the step before
+    old_states: Float,  # [E, S] of the step before
+    times: Int,  # [E] written: the old times, plus one in active copies
+    states: Float,  # [E, S] written: the old states
+    events: Counts,  # [E, N, 4] written: zeros
 ) -> int:
     """Finds the active copies, clips their commands, and begins their step.
-
-    `actions` [E, N, A] begin with commands. Flags and `old_...` are those of the step before; all
-    else is written, as the step begins.
 
     Returns:
         The number of active copies; -1 if an action of one of them is not finite.
@@ -163,19 +160,15 @@ def _unicycle(robot: Double, command: Double, limit: Double, dt: float) -> tuple
 
 @kernel(inline="always")
 def drive(
-    robots: Double,
-    commands: Double,
-    limits: Double,
-    n_substeps: int,
-    dt: float,
-    k: int,
-    out: Double,
+    robots: Double,  # [N, 6] columns x, y, vx, vy, ux, uy; headings are turned
+    commands: Double,  # [N, 2] clipped
+    limits: Double,  # [N, 9]
+    n_substeps: int,  # physics steps in a control step
+    dt: float,  # length of a physics step, s
+    k: int,  # number of the physics step, from 0
+    out: Double,  # [N, 2] m/s^2; kept for holonomic robots after the first physics step
 ) -> None:
-    """Writes the accelerations of one copy's robots in physics step `k` of a control step, m/s^2.
-
-    Headings of `robots`, columns x, y, vx, vy, ux, uy, are turned. `commands` [N, 2] are clipped.
-    `out` [N, 2] is kept for holonomic robots after the first physics step.
-    """
+    """Writes the accelerations of one copy's robots in physics step `k` of a control step."""
     for i in range(robots.shape[0]):
         if limits[i, UNICYCLE] == 1.0:
             out[i, 0], out[i, 1] = _unicycle(robots[i], commands[i], limits[i], dt)
@@ -186,19 +179,15 @@ def drive(
 
 @kernel
 def _follow(
-    active: Bool,
-    times: Int,
-    delays: Int,
-    shares: Double,
-    given: Double,
-    motors: Double,
-    commands: Double,
+    active: Bool,  # [E]
+    times: Int,  # [E] control steps taken, this one included
+    delays: Int,  # [E, N] control steps
+    shares: Double,  # [E, N] 1 - exp(-dt / lag)
+    given: Double,  # [E, D + 1, N, 2] the last commands, a ring over time
+    motors: Double,  # [E, N, 2] commands of the motors, read and written
+    commands: Double,  # [E, N, 2] read and written
 ) -> None:
-    """Replaces the commands of the active copies by those that reach the motors.
-
-    `delays`: [E, N] control steps. `shares`: [E, N] 1 - exp(-dt / lag). `given`: [E, D + 1, N, 2]
-    the last commands, a ring over time. `motors`: [E, N, 2] commands of the motors.
-    """
+    """Replaces the commands of the active copies by those that reach the motors."""
     depth = given.shape[1]
     for b in range(commands.shape[0]):
         if not active[b]:

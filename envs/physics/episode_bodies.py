@@ -35,7 +35,7 @@ PAYLOAD_MASS, MOMENT, SLIDE_FRICTION, TURN_FRICTION = range(4)
 
 
 def episode_limits(spec: TaskSpec, seeds: Seeds) -> Double:
-    """Limits and bodies of the robots of the episodes `seeds`, [E, N, 9]."""
+    """Limits and bodies of the robots of the episodes `seeds` [E], [E, N, 9]."""
     limits = np.tile(limits_of(spec), (len(seeds), 1, 1))
     drawn = drawn_values(spec, seeds)
     for name in COLUMNS.keys() & drawn.keys():
@@ -54,7 +54,7 @@ def payload_rows(payloads: Sequence[Payload]) -> Double:
 
 
 def episode_payloads(spec: TaskSpec, payloads: Sequence[Payload], seeds: Seeds) -> Double:
-    """`payload_rows` of the episodes `seeds`, [E, K, 4]."""
+    """`payload_rows` of the K payloads of a spec in the episodes `seeds` [E], [E, K, 4]."""
     names = PAYLOAD_RANGES.keys() & spec.randomization.ranges.keys()
     drawn = {PAYLOAD_RANGES[name]: draw(spec, name, seeds)[:, 0].tolist() for name in names}
     rows = np.empty((len(seeds), len(payloads), 4))

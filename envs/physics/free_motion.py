@@ -20,7 +20,10 @@ _ROUNDING = 1e-9  # more (m) than rounding errors of distances; it makes a bound
 
 @kernel(inline="always")
 def move(robots: Double, accelerations: Double, dt: float) -> None:
-    """Moves robots for one free physics step: positions first, then velocities."""
+    """Moves robots [N, 6] for one free physics step of `dt` s: positions first, then velocities.
+
+    `accelerations`: m/s^2, [N, 2].
+    """
     for i in range(robots.shape[0]):
         robots[i, 0] += robots[i, 2] * dt
         robots[i, 1] += robots[i, 3] * dt
@@ -31,7 +34,10 @@ def move(robots: Double, accelerations: Double, dt: float) -> None:
 
 @kernel(inline="always")
 def write_travel_bounds(robots: Double, limits: Double, time: float, out: Double) -> None:
-    """Writes upper bounds of the ways of robots in free motion for a time (s), m, [N]."""
+    """Writes upper bounds of the distances that robots [N, 6] travel in free motion, m, [N].
+
+    `limits`: [N, 9]. `time`: s.
+    """
     for i in range(robots.shape[0]):
         speed = math.sqrt(robots[i, 2] * robots[i, 2] + robots[i, 3] * robots[i, 3])
         if limits[i, UNICYCLE] == 1.0:
@@ -57,19 +63,15 @@ def static_gap(px: float, py: float, radius: float, layout: Float, half: Double)
 
 @kernel(inline="always")
 def is_free(
-    robots: Double,
-    ahead: float,
-    travel: Double,
-    radii: Double,
-    layout: Float,
-    half: Double,
-    slack: Double,
+    robots: Double,  # [N, 6]
+    ahead: float,  # s; gaps are those after robots have moved by their velocities for this time
+    travel: Double,  # [N] how much further they may move, m
+    radii: Double,  # [N] m
+    layout: Float,  # [M, 8] obstacles
+    half: Double,  # [2] half width and half height of the arena, m
+    slack: Double,  # [N, 3] read and written, `backend.Contacts.slack` of this copy
 ) -> bool:
-    """Whether every gap stays above `SEPARATION_GAP`.
-
-    `ahead`: s; gaps are those after robots have moved by their velocities for this time. `travel`:
-    [N] how much further they may move, m. `slack`, as in `backend.Contacts`, is updated.
-    """
+    """Whether every gap stays above `SEPARATION_GAP`."""
     n = robots.shape[0]
     for i in range(n):
         px, py = robots[i, 0] + robots[i, 2] * ahead, robots[i, 1] + robots[i, 3] * ahead

@@ -98,20 +98,17 @@ def _is_deep(
 
 @kernel
 def time_to_impact(
-    robots: Double,
-    bodies: Double,
-    left: float,
-    dt: float,
-    radii: Double,
-    shapes: Double,
-    layout: Float,
-    half: Double,
-    slack: Double,
+    robots: Double,  # [N, 6]
+    bodies: Double,  # [K, 7] movable bodies
+    left: float,  # what is left of the physics step, s
+    dt: float,  # length of the physics step, s
+    radii: Double,  # [N] m
+    shapes: Double,  # [K, 3] shape code, half length and half width of the movable bodies
+    layout: Float,  # [M, 8] obstacles
+    half: Double,  # [2] half width and half height of the arena, m
+    slack: Double,  # [N, 3] `backend.Contacts.slack` of this copy
 ) -> float:
-    """Returns the length of the next part of a physics step, of which `left` seconds are left, s.
-
-    `bodies`: [K, 7] movable ones. `shapes`: [K, 3] of `public_backend.shapes_of`.
-    """
+    """Returns the length of the next part of a physics step, s."""
     if not _is_deep(robots, bodies, left, radii, shapes, layout, half, slack):
         return left
     early, late = 0.0, left

@@ -121,7 +121,10 @@ def _add_motor(model: Any, name: str, force: float) -> None:
 
 
 def start(robot: Double, positions: Double, velocities: Double) -> None:
-    """Writes the joint coordinates, [9] and [8], of a robot x, y, vx, vy, ux, uy that starts."""
+    """Writes the joint coordinates of a robot that starts: `positions` [9] and `velocities` [8].
+
+    `robot`: x, y, vx, vy, ux, uy, [6].
+    """
     half = 0.5 * np.arctan2(robot[5], robot[4])
     positions[:7] = robot[0], robot[1], 0.0, np.cos(half), 0.0, 0.0, np.sin(half)
     velocities[:2] = robot[2:4]
@@ -135,6 +138,7 @@ def wheel_speeds(
     """The speeds of the left and right wheel (rad/s) that a unicycle's command asks for.
 
     They are ahead of the robot by no more than what its largest force along the floor takes.
+    `robot`: x, y, vx, vy, ux, uy, [6]. `command`: clipped, [2]. `radius`: of the robot, m.
     """
     ahead = robot[2] * robot[4] + robot[3] * robot[5]
     top, lead = limit[SPEED], limit[ACCELERATION] * limit[MASS] * RESPONSE_TIME
@@ -149,7 +153,10 @@ def wheel_speeds(
 
 @kernel(inline="always")
 def read(positions: Double, velocities: Double, place: int, speed: int, robot: Double) -> None:
-    """Reads a robot x, y, vx, vy, ux, uy from its coordinates, from `place` and `speed` on."""
+    """Reads a robot x, y, vx, vy, ux, uy, [6], from its joint coordinates.
+
+    `positions` and `velocities` are those of all joints; the robot's begin at `place` and `speed`.
+    """
     for c in range(2):
         robot[c], robot[2 + c] = positions[place + c], velocities[speed + c]
     w, x, y, z = (

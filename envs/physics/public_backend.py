@@ -38,8 +38,9 @@ SOLVER_ITERATIONS = 10
 def bars(row: Float, out: Double) -> int:
     """Writes the corners of the obstacle's bars, counter-clockwise, m, [3, 4, 2]; returns how many.
 
-    The first corner is the one with the smallest x, then y: the order that Munk2D's convex hull
-    gives, so that a shape built by hull and one written in place have the same vertices.
+    `row`: one obstacle, [8]. The first corner is the one with the smallest x, then y: the order
+    that Munk2D's convex hull gives, so that a shape built by hull and one written in place have the
+    same vertices.
     """
     x, y, ux, uy = float(row[1]), float(row[2]), float(row[3]), float(row[4])
     a, b, t = float(row[5]), float(row[6]), float(row[7])
@@ -119,7 +120,13 @@ def build_space(
 ) -> tuple[pymunk.Space, list[pymunk.Body]]:
     """Builds one world: walls, obstacles in layout order, robots, then movable bodies, at rest.
 
-    `payloads` are `episode_bodies.payload_rows`, [K, 4], of the movables [K, 7].
+    Args:
+        plan: the obstacles and bodies of the world.
+        layout: obstacles, [M, 8].
+        robots: [N, 6].
+        movables: [K, 7].
+        limits: `dynamics.limits_of`, [N, 9].
+        payloads: `episode_bodies.payload_rows`, [K, 4].
 
     Returns:
         The space, and the bodies of robots and movables.

@@ -106,10 +106,10 @@ EVADERS: Mapping[str, Mapping[str, Any]] = MappingProxyType(
 def slide(
     x: float, y: float, dx: float, dy: float, layout: Float, half: Double, radius: float
 ) -> tuple[float, float]:
-    """Where a disc comes to that moves by (dx, dy), along obstacles and walls in its way.
+    """Where a disc comes to that moves by (dx, dy), m, along obstacles and walls in its way.
 
     It is free at (x, y), moves by less than its radius, and stays if the way round is not that
-    simple.
+    simple. `layout` is [M, 8].
     """
     room_x, room_y = half[0] - radius, half[1] - radius
     to_x, to_y = x + dx, y + dy
@@ -139,17 +139,14 @@ def slide(
 
 @kernel(error_model="numpy")
 def heading_value(
-    heading: int,
-    place: tuple[float, float],
-    seen: Double,
-    stays: bool,
-    layout: Float,
-    model: EvaderModel,
+    heading: int,  # row of `model.headings`
+    place: tuple[float, float],  # of the evader, m
+    seen: Double,  # [P, 2] places of the pursuers that it sees, m
+    stays: bool,  # whether these stay where they are; otherwise they drive at the evader
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
 ) -> float:
-    """How good it is to flee along a row of `model.headings`; see the module.
-
-    `seen`: [P, 2] places of the pursuers that it sees, m, which drive at it unless each `stays`.
-    """
+    """How good it is to flee along a heading; see the module."""
     time = model.lookahead / N_ROLL_STEPS
     step, reach = model.speed * time, model.pursuer_speed * time
     dx, dy = step * model.headings[heading, 0], step * model.headings[heading, 1]
@@ -194,7 +191,7 @@ def best_heading(
 def look_for_pursuers(
     place: tuple[float, float], robots: Double, layout: Float, model: EvaderModel, seen: Double
 ) -> tuple[int, float]:
-    """Writes the places of the pursuers that an evader sees, m, [N, 2].
+    """Writes the places of the pursuers, at `robots` [N, 2], that an evader sees, m, [N, 2].
 
     Returns:
         How many it sees, and the distance to the nearest of them, m.
@@ -214,13 +211,13 @@ def look_for_pursuers(
 
 @kernel(error_model="numpy")
 def wander(
-    place: tuple[float, float],
-    heading: tuple[float, float],
-    bits: np.uint64,
-    layout: Float,
-    model: EvaderModel,
+    place: tuple[float, float],  # m
+    heading: tuple[float, float],  # unit vector
+    bits: np.uint64,  # random
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
 ) -> tuple[float, float, float]:
-    """The next heading of a calm evader, and its speed, m/s; `bits` are random."""
+    """The next heading of a calm evader, and its speed, m/s."""
     t = 0.5 * WANDER_TURN * to_normal(bits, model.normals)  # tangent of half the angle, nearly
     scale = 1.0 / (1.0 + t * t)
     cos, sin = (1.0 - t * t) * scale, 2.0 * t * scale
@@ -237,15 +234,15 @@ def wander(
 
 @kernel(error_model="numpy")
 def move_among(
-    place: tuple[float, float],
-    dx: float,
-    dy: float,
-    robots: Double,
-    radii: Double,
-    layout: Float,
-    model: EvaderModel,
+    place: tuple[float, float],  # of the evader, m
+    dx: float,  # m
+    dy: float,  # m
+    robots: Double,  # [N, 2] their places after the step, m
+    radii: Double,  # [N] of the robots, m
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
 ) -> tuple[float, float]:
-    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots [N, 2]."""
+    """Where an evader comes to that moves by (dx, dy), and then gives way to the robots."""
     x, y = place
     length = math.sqrt(dx * dx + dy * dy)
     n_parts = 1 + int(2.0 * length / model.radius)
@@ -262,12 +259,12 @@ def move_among(
 
 @kernel(error_model="numpy")
 def next_place(
-    place: tuple[float, float],
-    velocity: tuple[float, float],
-    robots: Double,
-    radii: Double,
-    layout: Float,
-    model: EvaderModel,
+    place: tuple[float, float],  # m
+    velocity: tuple[float, float],  # m/s
+    robots: Double,  # [N, 2] their places after the step, m
+    radii: Double,  # [N] of the robots, m
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
 ) -> tuple[float, float]:
     """As `move_among` with a velocity (m/s) for a control step, never faster than evaders are.
 
@@ -286,21 +283,17 @@ def next_place(
 
 @kernel
 def evade(
-    place: tuple[float, float],
-    facing: tuple[float, float],
-    was_alarmed: bool,
-    bits: np.uint64,
-    robots: Double,
-    moved: Double,
-    radii: Double,
-    layout: Float,
-    model: EvaderModel,
+    place: tuple[float, float],  # m
+    facing: tuple[float, float],  # unit vector, in which it wanders
+    was_alarmed: bool,  # in the step before
+    bits: np.uint64,  # random
+    robots: Double,  # [N, 2] their places before the step, by which it decides, m
+    moved: Double,  # [N, 2] their places after the step, to which it gives way, m
+    radii: Double,  # [N] of the robots, m
+    layout: Float,  # [M, 8] obstacles
+    model: EvaderModel,  # of evaders
 ) -> tuple[bool, float, float, float, float]:
-    """Whether an evader is alarmed now, the heading in which it wanders, and where it comes to.
-
-    `bits` are random. `robots`, `moved`: [N, 2] where these are before the step, by which it
-    decides, and after it, to which it gives way.
-    """
+    """Whether an evader is alarmed, the heading in which it wanders, and where it comes to, m."""
     seen, (ux, uy) = np.empty_like(robots), facing
     n_seen, nearest = look_for_pursuers(place, robots, layout, model, seen)
     is_alarmed = nearest < (CALM_DISTANCE if was_alarmed else ALARM_DISTANCE)

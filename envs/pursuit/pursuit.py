@@ -97,9 +97,10 @@ class Chase(NamedTuple):
 def place_robots(
     state: Seeds, plan: SpawnPlan, corner: int, size: float, layout: Float, starts: Float
 ) -> bool:
-    """Draws the robots' starts in a square in a corner; returns False if one found no place.
+    """Draws the robots' starts [N, 2] in a square in a corner; returns False if one found no place.
 
-    The two bits of `corner` say whether it is at the right, and whether at the top. `size`: m.
+    The two bits of `corner` say whether it is at the right, and whether at the top. `size`: of its
+    side, m.
     """
     for i in range(plan.radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -117,7 +118,10 @@ def place_robots(
 def place_evaders(
     state: Seeds, plan: SpawnPlan, radii: Double, layout: Float, starts: Float, evaders: Float
 ) -> bool:
-    """Draws the evaders' places, of these radii, away from all starts; False if one found none."""
+    """Draws the evaders' places [K, 2], away from all starts [N, 2]; False if one found none.
+
+    `radii`: of the evaders, m, [K].
+    """
     most = plan.min_goal_distance * plan.min_goal_distance
     for k in range(radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -138,15 +142,15 @@ def place_evaders(
 
 @kernel
 def start_pursuits(
-    seeds: Seeds,
-    copies: Int,
-    plan: SpawnPlan,
-    start_size: float,
-    radii: Double,
-    sight_range: float,
-    columns: Columns,
-    layouts: Float,
-    states: Float,
+    seeds: Seeds,  # [len(copies)] episode seeds
+    copies: Int,  # rows to write
+    plan: SpawnPlan,  # of the spec
+    start_size: float,  # side of the square in which robots start, m
+    radii: Double,  # [K] of the evaders, m
+    sight_range: float,  # of the robots, m
+    columns: Columns,  # of the states
+    layouts: Float,  # [E, M, 8] written
+    states: Float,  # [E, S] written
 ) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n, state = plan.radii.shape[0], np.empty(1, np.uint64)
@@ -191,7 +195,10 @@ def places_of(state: Float, n: int) -> Double:
 def move_evader(
     new: Float, k: int, bits: np.uint64, robots: Double, moved: Double, layout: Float, chase: Chase
 ) -> None:
-    """Moves evader k for a control step, in the state `new`; see `evade`."""
+    """Moves evader k for a control step, in the state `new` [S].
+
+    `robots`, `moved`: places of the robots before and after the step, m, [N, 2]; see `evade`.
+    """
     columns, model = chase.columns, chase.model
     at, u, v = columns.places + 2 * k, columns.headings + 2 * k, columns.velocities + 2 * k
     place = (np.float64(new[at]), np.float64(new[at + 1]))
@@ -235,15 +242,15 @@ def target_distance(state: Float, i: int) -> float:
 
 @kernel
 def serve_pursuits(
-    before: Float,
-    after: Float,
-    layouts: Float,
-    seeds: Seeds,
-    times: Int,
-    active: Bool,
-    chase: Chase,
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # states after the step; targets and extras, as before it, are updated
+    layouts: Float,  # [E, M, 8]
+    seeds: Seeds,  # [E]
+    times: Int,  # [E] control steps since the reset, this one included
+    active: Bool,  # [E]
+    chase: Chase,  # constants
+    terms: Float,  # [E, N, R] progress, capture and time are written
+    solved: Bool,  # [E] written
 ) -> None:
     """Moves and captures evaders in the active copies, lets robots look, and scores the step."""
     columns, n = chase.columns, terms.shape[1]

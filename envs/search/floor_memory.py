@@ -136,7 +136,10 @@ def close_cells(
 def find_unsearched(
     state: Float, i: int, x: float, y: float, middles: Double, columns: Columns, out: Int
 ) -> int:
-    """Writes the squares nearest to (x, y) that robot i has not searched, [K]; returns how many."""
+    """Writes the squares nearest to (x, y) that robot i has not searched, [K]; returns how many.
+
+    `x`, `y`: m.
+    """
     count, distances = 0, np.empty(out.shape[0])
     for c in range(columns.n_cells):
         if state[columns.searched + columns.n_cells * i + c] > 0.0:

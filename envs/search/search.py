@@ -98,15 +98,15 @@ def aim_at_victims(state: Float, half: Double, columns: Columns) -> None:
 
 @kernel
 def start_searches(
-    seeds: Seeds,
-    copies: Int,
-    plan: SpawnPlan,
-    victim_radii: Double,
-    middles: Double,
-    sight_range: float,
-    columns: Columns,
-    layouts: Float,
-    states: Float,
+    seeds: Seeds,  # [len(copies)] episode seeds
+    copies: Int,  # rows to write
+    plan: SpawnPlan,  # of the spec
+    victim_radii: Double,  # [K] radius that each victim's place needs, m
+    middles: Double,  # [C, 2] of the squares, m
+    sight_range: float,  # m
+    columns: Columns,  # of the states
+    layouts: Float,  # [E, M, 8] written
+    states: Float,  # [E, S] written
 ) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n, state = plan.radii.shape[0], np.empty(1, np.uint64)
@@ -155,21 +155,18 @@ def approach(old: Float, new: Float, i: int, columns: Columns) -> float:
 
 @kernel
 def serve_searches(
-    before: Float,
-    after: Float,
-    layouts: Float,
-    active: Bool,
-    middles: Double,
-    half: Double,
-    rules: tuple[float, float, int],
-    columns: Columns,
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # states after the step; targets and extras, as before it, are updated
+    layouts: Float,  # [E, M, 8]
+    active: Bool,  # [E]
+    middles: Double,  # [C, 2] of the squares, m
+    half: Double,  # [2] half width and half height of the arena, m
+    rules: tuple[float, float, int],  # sight range, m; goal radius, m; helpers
+    columns: Columns,  # of the states
+    terms: Float,  # [E, N, R] progress, sighting, searched, rescue and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Lets robots look and rescue in the active copies, and scores the step.
-
-    `rules`: sight range, m; goal radius, m; helpers.
-    """
+    """Lets robots look and rescue in the active copies, and scores the step."""
     sight_range, goal_radius, helpers = rules
     n = terms.shape[1]
     for b in range(before.shape[0]):

@@ -76,13 +76,13 @@ def pursuit_of(spec: TaskSpec) -> TaskSpec:
 
 @kernel
 def score_tags(
-    before: Float,
-    after: Float,
-    active: Bool,
-    capture_radius: float,
-    captors: int,
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # states after the step; targets are updated
+    active: Bool,  # [E]
+    capture_radius: float,  # m
+    captors: int,  # pursuers that capture
+    terms: Float,  # [E, N, R] progress, capture and time are written
+    solved: Bool,  # [E] written
 ) -> None:
     """Captures evaders in the active copies, sets targets, and scores the step."""
     last = terms.shape[1] - 1

@@ -35,7 +35,7 @@ def payload_radius(payload: Payload) -> float:
 
 @kernel(inline="always")
 def place_row(body: Float, shape: Shape, row: Float) -> None:
-    """Writes the payload as a row of a layout, [8]."""
+    """Writes the payload, `body` [7], as a row of a layout, [8]."""
     row[0], row[5], row[6] = shape
     row[1], row[2], row[3], row[4], row[7] = body[0], body[1], body[4], body[5], 0.0
 
@@ -52,7 +52,7 @@ def _corner(row: Float, bar: int, k: int) -> tuple[float, float]:
 
 @kernel
 def obstacle_gap(row: Float, obstacle: Float) -> float:
-    """Gap (m) between a payload and an obstacle, rows of layouts, 0 where they overlap.
+    """Gap (m) between a payload and an obstacle, rows [8] of layouts, 0 where they overlap.
 
     Exact while the overlap is shallow: of two convex shapes that are apart or just touch, one of
     the nearest points is a corner, or lies on a circle, whose centre is tested instead.
@@ -76,7 +76,10 @@ def obstacle_gap(row: Float, obstacle: Float) -> float:
 
 @kernel
 def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
-    """Gap (m) between a payload's row and a wall; negative if the payload is in the wall."""
+    """Gap (m) between a payload's row [8] and a wall; negative if the payload is in the wall.
+
+    `wall`: its number, as in `geometry.wall_gap`.
+    """
     if row[0] == CIRCLE:
         return wall_gap(np.float64(row[1]), np.float64(row[2]), half, wall) - np.float64(row[5])
     gap = math.inf
@@ -90,7 +93,8 @@ def payload_wall_gap(row: Float, half: Double, wall: int) -> float:
 def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> int:
     """Counts the contacts with obstacles and walls that begin in a payload's states [T + 1, 7].
 
-    A contact begins at a gap of at most `CONTACT_GAP` and ends beyond twice that.
+    A contact begins at a gap of at most `CONTACT_GAP` and ends beyond twice that. `layout`:
+    obstacles, [M, 8].
     """
     n_obstacles = layout.shape[0]
     touching = np.zeros(n_obstacles + 4, dtype=np.bool_)
@@ -116,7 +120,10 @@ def count_contacts(bodies: Float, shape: Shape, layout: Float, half: Double) -> 
 
 @kernel
 def count_pushes(positions: Float, radii: Double, bodies: Float, shape: Shape) -> int:
-    """Counts robots, at [T, N, 2], in contact with the payload, [T, 7], over all states."""
+    """Counts the robots in contact with the payload, summed over all states.
+
+    `positions`: of the robots, m, [T, N, 2]. `bodies`: the payload, [T, 7].
+    """
     row = np.empty(8, dtype=np.float32)
     count = 0
     for t in range(bodies.shape[0]):

@@ -100,13 +100,13 @@ def _draw_direction(bits: np.uint64, out: Float) -> None:
 
 @kernel
 def _place(
-    state: Seeds,
-    plan: SpawnPlan,
-    radius: Double,
-    room: float,
-    layout: Float,
-    robots: Float,
-    body: Float,
+    state: Seeds,  # [1] of the generator
+    plan: SpawnPlan,  # of the spec
+    radius: Double,  # [1] of the payload's bounding circle, m
+    room: float,  # free distance around the payload's start, m
+    layout: Float,  # [M, 8] written
+    robots: Float,  # [N, 8] written, columns `state_layout.ROBOT`
+    body: Float,  # [7] written
 ) -> bool:
     """Draws obstacles, payload and goal, then the robots; False if one found no place."""
     if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
@@ -133,13 +133,13 @@ def _place(
 
 @kernel
 def draw_episodes(
-    seeds: Seeds,
-    copies: Int,
-    plan: SpawnPlan,
-    payload_radius: float,
-    room: float,
-    layouts: Float,
-    states: Float,
+    seeds: Seeds,  # [len(copies)] episode seeds
+    copies: Int,  # rows to write
+    plan: SpawnPlan,  # of the spec
+    payload_radius: float,  # of its bounding circle, m
+    room: float,  # free distance around the payload's start, m
+    layouts: Float,  # [E, M, 8] written
+    states: Float,  # [E, S] written
 ) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n = plan.radii.shape[0]
@@ -170,7 +170,7 @@ def draw_episodes(
 def goal_error(state: Float, first: int) -> tuple[float, float]:
     """Distance from the payload's centre to its goal (m), and sine of the angle between their axes.
 
-    `first`: index of the payload's first column.
+    `state`: [S]. `first`: index of the payload's first column.
     """
     dx = np.float64(state[TX]) - np.float64(state[first])
     dy = np.float64(state[TY]) - np.float64(state[first + 1])
@@ -183,18 +183,15 @@ def goal_error(state: Float, first: int) -> tuple[float, float]:
 
 @kernel
 def score_transport(
-    before: Float,
-    after: Float,
-    active: Bool,
-    shape: Shape,
-    goal: tuple[float, float],
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # [E, S] states after the step
+    active: Bool,  # [E]
+    shape: Shape,  # of the payload
+    goal: tuple[float, float],  # radius, m, and largest sine of the angle
+    terms: Float,  # [E, N, R] progress, turn progress, approach and time are written
+    solved: Bool,  # [E] written
 ) -> None:
-    """Writes the task's own terms of the active copies, and whether they have solved the task.
-
-    `goal`: radius, m, and largest sine of the angle.
-    """
+    """Writes the task's own terms of the active copies, and whether they have solved the task."""
     goal_radius, max_sine = goal
     n = terms.shape[1]
     first = N_COLUMNS * n
@@ -218,9 +215,9 @@ def score_transport(
 
 @kernel(error_model="numpy")
 def write_surroundings(x: float, y: float, radius: float, layout: Float, out: Double) -> None:
-    """Writes closeness vectors of the obstacles around a payload at (x, y), nearest first, [K, 2].
+    """Writes closeness vectors of obstacles around a payload, nearest first, [N_NEAR_OBSTACLES, 2].
 
-    `radius`: of its bounding circle, m.
+    `x`, `y`: its centre, m. `radius`: of its bounding circle, m. `layout`: obstacles, [M, 8].
     """
     distances = np.full(N_NEAR_OBSTACLES, np.inf)
     out[:] = 0.0

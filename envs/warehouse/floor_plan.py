@@ -136,7 +136,10 @@ def _shelves(middle_x: Double, middle_y: Double, length: float, depth: float) ->
 
 @kernel(inline="always")
 def corridor(y: float, rows: Double) -> int:
-    """The corridor at a height y (m): 0 for the front, k for aisle k, -1 beside shelves."""
+    """The corridor at a height y (m): 0 for the front, k for aisle k, -1 beside shelves.
+
+    `rows`: of the plan, [3].
+    """
     up = y - rows[FIRST]
     if up < 0.0:
         return 0
@@ -169,7 +172,8 @@ def shortest_path_length(
 ) -> float:
     """Length of the shortest path along the axes that crosses no shelf, m.
 
-    It starts outside of shelves and ends in a corridor, as all places are.
+    It starts outside of shelves and ends in a corridor, as all places are. `lanes` [L, 2] and
+    `rows` [3] are those of the plan.
     """
     direct = abs(target_x - x) + abs(target_y - y)
     if corridor(y, rows) == corridor(target_y, rows):
@@ -185,7 +189,7 @@ def next_corner(
     """Returns the point to drive to next: the target, or the middle of a crossing before it.
 
     With noise, a robot may believe that it is outside the arena; beyond the last aisle counts as in
-    it.
+    it. `lanes` [L, 2], `rows` [3] and `middles` [aisles + 1] are those of the plan.
     """
     start = min(corridor(y, rows), middles.shape[0] - 1)
     end = corridor(target[1], rows)

@@ -82,14 +82,14 @@ def draw_station(seed: np.uint64, robot: int, order: int, n_stations: int) -> in
 
 @kernel
 def start_episodes(
-    seeds: Seeds,
-    copies: Int,
-    plan: SpawnPlan,
-    shelves: Float,
-    places: Double,
-    n_picks: int,
-    layouts: Float,
-    states: Float,
+    seeds: Seeds,  # [len(copies)] episode seeds
+    copies: Int,  # rows to write
+    plan: SpawnPlan,  # of the spec
+    shelves: Float,  # [M, 8]
+    places: Double,  # [P + K, 2] of the floor plan
+    n_picks: int,  # of the floor plan, P
+    layouts: Float,  # [E, M, 8] written
+    states: Float,  # [E, S] written
 ) -> int:
     """Draws the episodes `seeds` into `copies`; returns how many were drawn before one failed."""
     n = plan.radii.shape[0]
@@ -118,20 +118,20 @@ def start_episodes(
 
 @kernel
 def serve_orders(
-    before: Float,
-    after: Float,
-    seeds: Seeds,
-    active: Bool,
-    lanes: Double,
-    rows: Double,
-    places: Double,
-    rules: tuple[int, float, int],
-    terms: Float,
-    solved: Bool,
+    before: Float,  # [E, S] states before the step
+    after: Float,  # states after the step; targets and extras, as before it, are updated
+    seeds: Seeds,  # [E]
+    active: Bool,  # [E]
+    lanes: Double,  # [L, 2] of the floor plan
+    rows: Double,  # [3] of the floor plan
+    places: Double,  # [P + K, 2] of the floor plan
+    rules: tuple[int, float, int],  # P; goal radius, m; quota
+    terms: Float,  # [E, N, R] progress, pickup, delivery and time are written
+    solved: Bool,  # [E] written
 ) -> None:
     """Lets robots pick up and deliver in the active copies, draws orders, and scores the step.
 
-    `rules`: P; goal radius, m; quota. A plain tuple, since named ones are slower to pass.
+    `rules` is a plain tuple, since named ones are slower to pass.
     """
     n_picks, goal_radius, quota = rules
     n = terms.shape[1]

@@ -20,7 +20,10 @@ DEADLOCK_MEANING = (
 
 
 def locked_pairs(positions: Double, radii: Double, control_dt: float) -> Bool:
-    """Which pairs of robots at positions [T+1, N, 2] are locked in each step, [T+1, N, N]."""
+    """Which pairs of robots are locked in each step, [T+1, N, N].
+
+    `positions`: m, [T+1, N, 2]. `radii`: m, [N]. `control_dt`: s.
+    """
     n_still = max(math.ceil(STILL_TIME / control_dt - 1e-9), 1)
     still = np.zeros(positions.shape[:2], dtype=np.bool_)
     moved = positions[n_still:] - positions[:-n_still]

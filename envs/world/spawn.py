@@ -162,18 +162,19 @@ def is_apart(row: Float, layout: Float, m: int, gap: float) -> bool:
 
 @kernel
 def place_points(
-    state: Seeds,
-    layout: Float,
-    half: Double,
-    radii: Double,
-    spacing: Spacing,
-    points: Float,
-    far: Float,
-    min_distance: float,
+    state: Seeds,  # [1] of the generator
+    layout: Float,  # [M, 8]
+    half: Double,  # [2] half width and half height of the arena, m
+    radii: Double,  # [N] m
+    spacing: Spacing,  # distances to keep
+    points: Float,  # [N, 2] written
+    far: Float,  # [N, 2] the point that each robot's must stay away from
+    min_distance: float,  # distance to that point, m
 ) -> bool:
-    """Draws a point per robot, clear of obstacles and each other; False if one has no place.
+    """Draws one point per robot, clear of obstacles and of each other, and away from `far`.
 
-    Each keeps `min_distance` (m) from its row of `far`.
+    Returns:
+        Whether every robot found a place.
     """
     for i in range(radii.shape[0]):
         for attempt in range(PLACE_TRIES + 1):
@@ -205,20 +206,16 @@ def is_free_place(
 
 @kernel
 def place_all(
-    state: Seeds,
-    plan: SpawnPlan,
-    layout: Float,
-    starts: Float,
-    goal_radii: Double,
-    goals: Float,
-    far: Float,
-    min_distance: float,
+    state: Seeds,  # [1] of the generator
+    plan: SpawnPlan,  # of the spec
+    layout: Float,  # [M, 8] written
+    starts: Float,  # [N, 2] of the robots, written
+    goal_radii: Double,  # [K] room that each goal needs, m
+    goals: Float,  # [K, 2] written
+    far: Float,  # [K, 2] the point that each goal must stay away from
+    min_distance: float,  # distance to that point, m
 ) -> bool:
-    """Draws obstacles, starts and goals [K, 2] together; returns False if no attempt placed all.
-
-    `goal_radii`: [K] room that each goal needs, m. Goals keep `min_distance` (m) from rows of
-    `far`.
-    """
+    """Draws obstacles, starts and goals together; returns False if no attempt placed all."""
     for _ in range(plan.max_attempts):
         if not place_obstacles(state, plan.sizes, plan.half, plan.obstacle_gap, layout):
             continue
@@ -264,7 +261,9 @@ def _spawn(seeds: Seeds, copies: Int, plan: SpawnPlan, layouts: Float, robots: F
 def spawn_random(
     spec: TaskSpec, plan: SpawnPlan, seeds: Seeds, copies: Int, layouts: Float, robots: Float
 ) -> None:
-    """Draws obstacles, starts, headings and targets [E, N, 8] of the episodes `seeds`.
+    """Draws obstacles, starts, headings and targets of the episodes `seeds` [C].
+
+    They are written to the rows `copies` of `layouts` [E, M, 8] and `robots` [E, N, 8].
 
     Raises:
         SpawnError: no layout was found in `spawn.max_attempts` attempts, though one may exist.

@@ -67,7 +67,11 @@ class CopyBlock:
         self._world.advance(blank)
 
     def spawn(self, seeds: Seeds, copies: Int, now: Step) -> None:
-        """Draws episodes into the layouts and states of a step; the worlds stay as they are."""
+        """Draws episodes into the layouts and states of a step; the worlds stay as they are.
+
+        Raises:
+            SpawnError: no collision-free layout was found.
+        """
         self.task.spawn(seeds, copies, now.layouts, now.states)
 
     def start(self, seeds: Seeds, copies: Int, now: Step) -> None:
@@ -350,17 +354,17 @@ class StepMaker:
 
 @kernel
 def clear_copies(
-    copies: Int,
-    new_seeds: Seeds,
-    seeds: Seeds,
-    times: Int,
-    rewards: Float,
-    terms: Float,
-    events: Counts,
-    terminations: Bool,
-    truncations: Bool,
-    successes: Bool,
-    fresh: Bool,
+    copies: Int,  # [C] rows
+    new_seeds: Seeds,  # [C] of the episodes
+    seeds: Seeds,  # [E] written
+    times: Int,  # [E] written: 0
+    rewards: Float,  # [E, N] written: 0
+    terms: Float,  # [E, N, R] written: 0
+    events: Counts,  # [E, N, 4] written: 0
+    terminations: Bool,  # [E] written: false
+    truncations: Bool,  # [E] written: false
+    successes: Bool,  # [E] written: false
+    fresh: Bool,  # [E] written: true
 ) -> None:
     """Writes the fields of a step that say nothing yet, and `fresh`, where an episode begins."""
     for row in range(copies.shape[0]):

@@ -83,19 +83,18 @@ def _near_static_gap(px: float, py: float, radius: float, layout: Float, half: D
 
 @kernel(error_model="numpy")
 def proximities(
-    state: Float,
-    layout: Float,
-    radii: Double,
-    half: Double,
-    slack: Double,
-    places: Float,
-    out: Double,
+    state: Float,  # [S]
+    layout: Float,  # [M, 8]
+    radii: Double,  # [N] m
+    half: Double,  # [2] half width and half height of the arena, m
+    slack: Double,  # [N, 3] `backend.Contacts.slack` of this copy
+    places: Float,  # [3, N] scratch: positions and radii
+    out: Double,  # [N] written
 ) -> None:
-    """Writes the proximity of each robot in one copy, [N]: 0 far from everything, 1 in contact.
+    """Writes the proximity of each robot in one copy: 0 far from everything, 1 in contact.
 
     This is clip(1 - gap / PROXIMITY_RANGE, 0, 1) of the smallest gap to a robot, obstacle or wall;
-    to these only where `slack`, as in `backend.Contacts`, does not tell that they are far.
-    `places`: [3, N] scratch.
+    to these only where the slack does not tell that they are far.
     """
     for i in range(radii.shape[0]):
         px, py = state[N_COLUMNS * i], state[N_COLUMNS * i + 1]
@@ -129,21 +128,21 @@ SCORING = bundle_type(Scoring)
 
 @kernel
 def score_steps(
-    packed: Int,
-    states: Float,
-    layouts: Float,
-    events: Counts,
-    times: Int,
-    terms: Float,
-    rewards: Float,
-    terminations: Bool,
-    truncations: Bool,
-    successes: Bool,
+    packed: Int,  # `Scoring`, of an `ArgumentBlock`
+    states: Float,  # [E, S] after the step
+    layouts: Float,  # [E, M, 8]
+    events: Counts,  # [E, N, 4] of the step
+    times: Int,  # [E] control steps taken, this one included
+    terms: Float,  # [E, N, R] the task's own are read, the last six written
+    rewards: Float,  # [E, N] written
+    terminations: Bool,  # [E] written
+    truncations: Bool,  # [E] written
+    successes: Bool,  # [E] written
 ) -> None:
     """Writes the shared terms and the rewards of the active copies, and decides whether they end.
 
-    Of `terms`, the task's own are read, and the last six written (`rewards.reward_terms`). Terms
-    and rewards of the other copies are 0, and their flags stay. `packed`: `Scoring`.
+    The last six terms are `rewards.reward_terms`. The terms and rewards of the other copies are 0,
+    and their flags stay.
     """
     radii, half, weights, team_share, bounds, is_fatal, horizon, solved, slack, active = unpack(
         packed, SCORING
@@ -173,15 +172,15 @@ def score_steps(
 
 @kernel
 def begin_worlds(
-    copies: Int,
-    states: Float,
-    touching: Bool,
-    static: Bool,
-    slack: Double,
-    robots: Double,
-    bodies: Double,
+    copies: Int,  # [C] rows
+    states: Float,  # [E, S]
+    touching: Bool,  # [E, N, N] cleared
+    static: Bool,  # [E, N, M + 4] cleared
+    slack: Double,  # [E, N, 3] cleared
+    robots: Double,  # [C, N, 6] written
+    bodies: Double,  # [C, K, 7] written
 ) -> None:
-    """Ends the contacts of some copies, and reads robots and bodies in them from their states."""
+    """Ends the contacts of some copies, and reads what moves in them from their states."""
     first = N_COLUMNS * robots.shape[1]
     for row in range(copies.shape[0]):
         b = copies[row]
@@ -219,7 +218,10 @@ class World:
         self._fixed = (limits, self.active, self._commands)
 
     def reset(self, copies: Int, seeds: Seeds, layouts: Float, states: Float) -> None:
-        """Starts worlds at rest in `copies`, [C], of the episodes `seeds`, [C]."""
+        """Starts worlds at rest in `copies`, [C], of the episodes `seeds`, [C].
+
+        `layouts` [E, M, 8] and `states` [E, S] are those of all copies.
+        """
         n, k = len(self.radii), len(self._movables)
         robots: Double = np.empty((len(copies), n, 6))
         bodies: Double = np.empty((len(copies), k, 7))
@@ -235,7 +237,8 @@ class World:
     def begin(self, actions: Float | Double, before: Step, now: Step) -> int:
         """Finds the copies that have not ended, and clips their commands.
 
-        Times, events and states of `now` are written, as far as they are known.
+        Times, events and states of `now` are written, as far as they are known. `actions` are
+        [E, N, A], `before` is the previous step.
 
         Returns:
             The number of copies that had not ended; -1 if an action of one of them is not finite.
