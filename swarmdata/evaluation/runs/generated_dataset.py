@@ -93,10 +93,7 @@ def generate(
         MissingExtraError: a run folder needs torch.
     """
     spec = chosen_models(find_spec(task), observation, communication, backend, randomization)
-    if id in shipped_recipes() or id in published():
-        raise SpecError(
-            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
-        )
+    _check_id(id)
     shares = _shares(policies)
     if noise and not any(takes_noise(name, spec) for name in shares):
         raise SpecError(f"none of the policies {', '.join(shares)} has action noise; leave it out")
@@ -137,6 +134,14 @@ def _recipe(
         "part_episodes": part_size(spec, policies, n_steps),
     }
     return Recipe.parse(content, f"the recipe of {id}")
+
+
+def _check_id(id: str) -> None:
+    """Refuses an id that means another dataset."""
+    if id in shipped_recipes() or id in published():
+        raise SpecError(
+            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
+        )
 
 
 def _shares(
