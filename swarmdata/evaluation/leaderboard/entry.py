@@ -111,7 +111,6 @@ def submit(
     digest = published()[recipe.id].digest
     is_onnx = all(run.suffix == ONNX_SUFFIX for run in runs)
     team = (_team_of_files if is_onnx else _team)(runs, recipe, digest)
-    _check_number(team.policies)
     files = [out / policy_name(i, is_onnx=is_onnx) for i in range(len(team.policies))]
     for index, file in enumerate(files):
         if is_onnx:
@@ -135,14 +134,6 @@ def submit(
     return description
 
 
-def _check_number(policies: Sequence[object]) -> None:
-    if len(policies) < LEAST_SEEDS:
-        raise SpecError(
-            f"there are {len(policies)} policies, expected at least {LEAST_SEEDS} training seeds; "
-            "train with --seeds 5"
-        )
-
-
 def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
     """The policies of all runs; refuses runs on other data, or for other rewards."""
     targets = [find_target(str(run)) for run in runs]
@@ -155,16 +146,26 @@ def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
                     f"{view}, expected {recipe.id} as published, {digest[:12]}"
                 )
     policies = tuple(policy for target in targets for policy in target.policies)
+    _check_number(policies)
     provenances = tuple(each for target in targets for each in target.provenances)
     return Target(targets[0].spec, policies, provenances)
 
 
 def _team_of_files(files: Sequence[Path], recipe: Recipe, digest: str) -> Target:
     """The policies in files of ONNX, which are said to be trained on the dataset."""
+    _check_number(files)
     team = onnx_target(files, task_of(recipe, "a leaderboard"), "onnx")
     said = {"dataset": recipe.id, "digest": digest}
     provenances = tuple(each.model_copy(update=said) for each in team.provenances)
     return replace(team, provenances=provenances)
+
+
+def _check_number(policies: Sequence[object]) -> None:
+    if len(policies) < LEAST_SEEDS:
+        raise SpecError(
+            f"there are {len(policies)} policies, expected at least {LEAST_SEEDS} training seeds; "
+            "train with --seeds 5"
+        )
 
 
 def read_policy(file: Path, spec: TaskSpec) -> Policy:

@@ -115,19 +115,20 @@ def rank(
         values, held_out = _values(found, parts, config, device, progress=progress)
     measured = _measure(found, dataset, n_episodes, results, progress=progress)
     rows = _rows(found, values, held_out, _scores(dataset, measured))
-    one = next((each for each in measured if each is not None), None)
     return Ranking(
-        code_version=__version__, dataset=dataset.id, digest=dataset.digest, view=dataset.view,
+        code_version=__version__,
+        dataset=dataset.id,
+        digest=dataset.digest,
+        view=dataset.view,
         by=by,
         n_validation_episodes=len(parts[1]),
         **{name: getattr(config, name) for name in RECORDED_SETTINGS},
         bound=values.bound,
         data_value=float(held_out.data.initial_returns.mean()),
-        score_unit=None if one is None else "return" if dataset.references is None else "score",
-        n_score_episodes=None if one is None else len(one.seeds),
+        **_scale(dataset, measured),
         policies=_sorted(rows, by),
         quality=_qualities(rows),
-    )  # fmt: skip
+    )
 
 
 def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool) -> Dataset:
@@ -295,6 +296,15 @@ def _measure(
     if measured := [result for result in results if result is not None]:
         check_comparable(measured)
     return results
+
+
+def _scale(dataset: Dataset, results: Sequence[EvalResult | None]) -> dict[str, Any]:
+    """The unit of the scores and their number of episodes, if there are scores."""
+    measured = next((each for each in results if each is not None), None)
+    if measured is None:
+        return {}
+    unit = "return" if dataset.references is None else "score"
+    return {"score_unit": unit, "n_score_episodes": len(measured.seeds)}
 
 
 def _scores(dataset: Dataset, results: Sequence[EvalResult | None]) -> list[float | None]:

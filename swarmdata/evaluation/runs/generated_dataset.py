@@ -112,13 +112,6 @@ def generate(
     return load(folder)
 
 
-def _check_id(id: str) -> None:
-    if id in shipped_recipes() or id in published():
-        raise SpecError(
-            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
-        )
-
-
 def _recipe(
     spec: TaskSpec, policies: Sequence[PolicySource], *, id: str, tier: str, seed: int | None,
     n_steps: int, metadata: Mapping[str, str],
@@ -141,6 +134,14 @@ def _recipe(
         "part_episodes": part_size(spec, policies, n_steps),
     }
     return Recipe.parse(content, f"the recipe of {id}")
+
+
+def _check_id(id: str) -> None:
+    """Refuses an id that means another dataset."""
+    if id in shipped_recipes() or id in published():
+        raise SpecError(
+            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
+        )
 
 
 def _shares(
