@@ -62,7 +62,7 @@ from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.online_algos.collection.input_moments import Moments, SeedNormalizer
+from swarmdata.online_algos.collection.input_moments import InputMoments, SeedNormalizer
 from swarmdata.online_algos.collection.replay_collection import (
     LinearSchedule,
     OffPolicy,
@@ -139,7 +139,7 @@ class Learner:
     LOSSES = ("critic_loss", "q", "policy_q")
 
     def __init__(
-        self, sizes: Sizes, moments: Moments, seeds: Sequence[int], config: MADDPGConfig
+        self, sizes: Sizes, moments: InputMoments, seeds: Sequence[int], config: MADDPGConfig
     ) -> None:
         self.config, self.n_updates = config, 0
         self.inputs = SeedNormalizer(moments)

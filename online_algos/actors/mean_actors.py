@@ -18,7 +18,7 @@ from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.checkpoint import part
 from swarmdata.online_algos.actors.sample_rows import sample_rows, sample_segments
-from swarmdata.online_algos.collection.input_moments import Moments
+from swarmdata.online_algos.collection.input_moments import InputMoments
 from swarmdata.online_algos.collection.training_worlds import pack, unpack
 from swarmdata.online_algos.continuation.offline_start import OfflineStart, load_actors
 from swarmdata.perception.frames import Frame
@@ -40,7 +40,7 @@ class Actors:
 
     def __init__(
         self, sizes: Sizes, seeds: Sequence[int], hidden: int, parameters: Parameters,
-        moments: Moments, memory_size: int = 0, window: int = 1,
+        moments: InputMoments, memory_size: int = 0, window: int = 1,
     ) -> None:  # fmt: skip
         self.parameters, self.memory_size, self.window = parameters, memory_size, window
         self.n_rows = 1 if parameters == "shared" else sizes.n_agents  # actors of each seed

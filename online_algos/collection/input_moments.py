@@ -23,7 +23,7 @@ N_MEASURED = 64
 """Steps of every copy that measure the inputs, where no setting says how many."""
 
 
-class Moments(NamedTuple):
+class InputMoments(NamedTuple):
     """Mean and standard deviation of every feature, by seed.
 
     Those that are measured here are float32, and the deviation of constant features is 1; those of
@@ -39,7 +39,7 @@ class Moments(NamedTuple):
 class SeedNormalizer:
     """Inputs in units of the moments of their seed, in float32."""
 
-    def __init__(self, moments: Moments) -> None:
+    def __init__(self, moments: InputMoments) -> None:
         o_mean, o_std, s_mean, s_std = (torch.from_numpy(m).float()[:, None] for m in moments)
         self.state_mean, self.state_std = s_mean, s_std  # each [K, 1, S]
         self._observation_mean, self._observation_std = o_mean[:, None], o_std[:, None]
@@ -53,7 +53,9 @@ class SeedNormalizer:
         return standardize(states, self.state_mean, self.state_std)
 
 
-def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int) -> Moments:
+def measure_moments(
+    worlds: Worlds, generators: Sequence[torch.Generator], n_steps: int
+) -> InputMoments:
     """Takes `n_steps` uniform random steps, measures what is seen, and begins new episodes.
 
     The moments of a seed depend on its own one of K generators, and on its episodes only. Training
@@ -79,7 +81,7 @@ def measure_moments(worlds: Worlds, generators: Sequence[torch.Generator], n_ste
     worlds.restart()
     mean, std = (np.stack(m) for m in zip(*(s.moments() for s in observations), strict=True))
     state_mean, state_std = (np.stack(m) for m in zip(*(s.moments() for s in states), strict=True))
-    return Moments(mean, std, state_mean, state_std)
+    return InputMoments(mean, std, state_mean, state_std)
 
 
 class _Sums:

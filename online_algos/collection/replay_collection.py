@@ -25,7 +25,7 @@ from swarmdata.learn.training.replay_buffer import Replay, Shape
 from swarmdata.learn.training.training_data import Data
 from swarmdata.online_algos.collection.input_moments import (
     N_MEASURED,
-    Moments,
+    InputMoments,
     SeedNormalizer,
     measure_moments,
 )
@@ -248,7 +248,9 @@ class OffPolicy(ABC):
         self.replay.load_state_dict(part(own, "replay"))
         self.frames = int(own["frames"])
         restore_generators([*self.acting, *self._sampling], own["generators"])
-        self.moments = Moments(**{k: v.numpy().copy() for k, v in part(own, "moments").items()})
+        self.moments = InputMoments(
+            **{k: v.numpy().copy() for k, v in part(own, "moments").items()}
+        )
         self.worlds.load_state_dict(part(own, "worlds"))
         if self.recorded is not None:
             self.recorded.load_state_dict(part(own, "recorded"))

@@ -20,7 +20,7 @@ from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.learn.training.run_files import is_online, run_folders, run_hash
 from swarmdata.learn.training.run_folder import OfflineRun, load_last
-from swarmdata.online_algos.collection.input_moments import Moments
+from swarmdata.online_algos.collection.input_moments import InputMoments
 from swarmdata.perception.frames import Frame
 from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.features import Feature
@@ -87,11 +87,13 @@ class OfflineStart:
             )
         return self.run.seeds.index(seed)
 
-    def moments(self, n_seeds: int) -> Moments:
+    def moments(self, n_seeds: int) -> InputMoments:
         """Returns the statistics that normalize the run's inputs, alike for all seeds, float64."""
         s = self.statistics
         parts = (s.observation_mean, s.observation_std, s.state_mean, s.state_std)
-        return Moments(*(np.tile(np.asarray(part, np.float64), (n_seeds, 1)) for part in parts))
+        return InputMoments(
+            *(np.tile(np.asarray(part, np.float64), (n_seeds, 1)) for part in parts)
+        )
 
 
 def _changes_rewards(view: str | None) -> bool:

@@ -9,7 +9,7 @@ from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollouts.recipe_episodes import episode_seeds
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store import SPLITS
-from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.running_moments import RunningMoments
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.split_rule import assign_splits
 from swarmdata.types import END_REASONS, EVENTS, Double, Int
@@ -251,7 +251,7 @@ def statistics(subject: Subject) -> Remarks:
 
 def _moments(subject: Subject, name: str) -> tuple[Double, Double] | None:
     """Mean and deviation over the train split, as the store computes them."""
-    moments, array = Moments(), subject.arrays[name]
+    moments, array = RunningMoments(), subject.arrays[name]
     columns = array.shape[2] if array.ndim == 3 else 1
     extra = int(name == "observations")
     starts, lengths = subject.starts_of(name), subject.table.lengths + extra

@@ -55,7 +55,7 @@ TIME_ARRAYS = (*STATE_FIELDS, *STEP_FIELDS, *OPTIONAL_STATE_FIELDS, *OPTIONAL_ST
 """The arrays of an `Episode`, those that not every dataset has at the end."""
 
 
-class Source(Protocol):
+class RowSource(Protocol):
     """Where the rows of a dataset are."""
 
     @property
@@ -201,7 +201,7 @@ class View(TrainingData[R]):
 
     @property
     @abstractmethod
-    def _rows(self) -> Source: ...
+    def _rows(self) -> RowSource: ...
 
     @property
     @abstractmethod

@@ -33,7 +33,7 @@ from swarmdata.store.arrays.layout import (
     format_version,
     plan_shard,
 )
-from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.running_moments import RunningMoments
 from swarmdata.store.arrays.shards import create_metadata, file_digest, write_shard
 from swarmdata.store.manifest import FileEntry, Manifest, StatisticsEntry, read_manifest
 from swarmdata.store.parts import (
@@ -95,7 +95,7 @@ def assemble(
     return write_dataset(out, recipe, source, checkpoints, progress=progress)
 
 
-class Source(Protocol):
+class ShardSource(Protocol):
     """Where the rows of a new dataset come from."""
 
     @property
@@ -116,7 +116,7 @@ class Source(Protocol):
 def write_dataset(
     out: Path,
     recipe: Origin,
-    source: Source,
+    source: ShardSource,
     checkpoints: Mapping[str, bytes] = MappingProxyType({}),
     *,
     progress: bool = False,
@@ -193,7 +193,7 @@ class _Parts:
             yield next(block for index, block in streams[policy] if index == episode)
 
 
-def _planned(source: Source, name: str) -> Shard:
+def _planned(source: ShardSource, name: str) -> Shard:
     """The byte layout of an array: a column of the episode table, or one over time."""
     table, rows = source.table, ALL_FIELDS[name].rows
     if rows == "episodes":
@@ -202,7 +202,7 @@ def _planned(source: Source, name: str) -> Shard:
     return plan_shard(source.dtype(name), (n_rows, *source.row_shape(name)))
 
 
-def _blocks(source: Source, name: str, dtype: DType) -> Iterator[NDArray[Any]]:
+def _blocks(source: ShardSource, name: str, dtype: DType) -> Iterator[NDArray[Any]]:
     """The rows of an array in its dtype."""
     if ALL_FIELDS[name].rows == "episodes":
         return iter([source.table.columns("episodes/")[name]])
@@ -275,7 +275,7 @@ def _keep(folder: Path, checkpoints: Mapping[str, bytes]) -> list[str]:
 
 
 def _write(
-    folder: Path, recipe: Origin, source: Source, shards: dict[str, Shard], kept: Sequence[str],
+    folder: Path, recipe: Origin, source: ShardSource, shards: dict[str, Shard], kept: Sequence[str],
     progress: bool,
 ) -> Manifest:  # fmt: skip
     """Writes all arrays and the recipe; returns the manifest, which lists `kept` files as well."""
@@ -286,7 +286,7 @@ def _write(
             f"{recipe.id}: none of the {len(train)} episodes is in the train split, so there are "
             "no normalization statistics. Raise n_steps in the recipe."
         )
-    moments = {"observations": Moments(), "rewards": Moments()}
+    moments = {"observations": RunningMoments(), "rewards": RunningMoments()}
     entries = {}
     hidden = None if progress else True  # None: hidden where there is no terminal
     for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
@@ -318,7 +318,7 @@ def _write(
 
 
 def _observed(
-    blocks: Iterator[NDArray[Any]], moments: Moments | None, train: Bool
+    blocks: Iterator[NDArray[Any]], moments: RunningMoments | None, train: Bool
 ) -> Iterator[NDArray[Any]]:
     """Passes blocks on, and shows those of train episodes to `moments`."""
     for index, block in enumerate(blocks):

@@ -44,7 +44,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False)
 class Selection:
-    """Implements `assembly.Source`: the episodes of all pieces, piece after piece.
+    """Implements `assembly.ShardSource`: the episodes of all pieces, piece after piece.
 
     Each policy's episodes are counted anew, from 0, in this order.
 

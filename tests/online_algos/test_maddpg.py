@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from swarmdata.online_algos.collection.input_moments import Moments
+from swarmdata.online_algos.collection.input_moments import InputMoments
 from swarmdata.online_algos.maddpg import Learner, MADDPGConfig
 from tests.offline_algos.toys import SIZES, random_batch, seed_of
 
@@ -19,10 +19,10 @@ SMALL: dict[str, Any] = {
 }
 
 
-def moments(seeds: Sequence[int]) -> Moments:
+def moments(seeds: Sequence[int]) -> InputMoments:
     """Other moments for each seed."""
     n, o, s = np.array(seeds)[:, None] / 4, np.ones((1, 3)), np.ones((1, 4))
-    return Moments(n * o, n + o, n * s, n + s)
+    return InputMoments(n * o, n + o, n * s, n + s)
 
 
 def learner_of(seeds: Sequence[int], config: MADDPGConfig) -> Learner:

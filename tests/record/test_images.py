@@ -15,7 +15,7 @@ from swarmdata.datasets.mixture import mix
 from swarmdata.errors import ManifestError, SchemaError
 from swarmdata.record import Recorder, evaluate_parallel, foreign_evaluation_seeds
 from swarmdata.store import open_store
-from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.running_moments import RunningMoments
 from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import write_part
 from swarmdata.testing.dataset_contract import check_dataset
@@ -79,7 +79,7 @@ def test_it_is_a_quarter_of_the_same_data_as_floats(images: Dataset, floats: Dat
 
 def test_moments_of_bytes_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     rows = np.random.default_rng(0).integers(0, 256, (500, 7)).astype(np.uint8)
-    whole, cut = Moments(), Moments()
+    whole, cut = RunningMoments(), RunningMoments()
     whole.add(rows.astype(np.float32))
     monkeypatch.setattr("swarmdata.store.arrays.running_moments.BLOCK_NUMBERS", 30)
     cut.add(rows)

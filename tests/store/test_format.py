@@ -10,7 +10,7 @@ from swarmdata.specs.task_spec import Obstacles
 from swarmdata.store import open_store
 from swarmdata.store.arrays import layout as layout_module
 from swarmdata.store.arrays.layout import array_file, plan_shard
-from swarmdata.store.arrays.running_moments import Moments
+from swarmdata.store.arrays.running_moments import RunningMoments
 from swarmdata.store.arrays.shards import file_digest
 from swarmdata.store.assembly import assemble
 from swarmdata.store.damage import logical_digest
@@ -110,7 +110,7 @@ def test_shards_waste_little(rows: int) -> None:
 def test_moments_agree_with_numpy_in_any_blocks() -> None:
     rows = np.random.default_rng(0).normal(1000, 0.1, size=(500, 3)).astype(np.float32)
     rows[:, 2] = 0.3
-    moments = Moments()
+    moments = RunningMoments()
     for block in np.split(rows, [10, 11, 200]):
         moments.add(block)
     mean, std = moments.result()

@@ -78,7 +78,6 @@ class View(Frozen):
 
     observation: str | None = None  # name of the observation model
     communication: str | None = None  # name of the communication model
-    against: Label | None = None  # of older plans; without effect
 
     @property
     def models(self) -> tuple[str | None, str | None]:

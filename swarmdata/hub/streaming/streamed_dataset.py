@@ -22,7 +22,7 @@ from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import RECIPE
-from swarmdata.store.arrays.running_moments import Moments as RunningMoments
+from swarmdata.store.arrays.running_moments import RunningMoments
 from swarmdata.store.stored_dataset import check_listing, check_spec, read_origin, read_table
 from swarmdata.types import Double, Int, shortened
 

@@ -16,7 +16,7 @@ BLOCK_NUMBERS = 1 << 20
 
 
 @dataclass(slots=True)
-class Moments:
+class RunningMoments:
     """Running float64 sums over blocks of rows, in the order of the calls.
 
     They are taken around the first row (Chan, Golub and LeVeque, "Algorithms for computing the
@@ -61,7 +61,7 @@ def train_moments(stored: "StoredDataset", name: str) -> tuple[Double, Double]:
 
     F is the size of the last axis of observations, and 1 of rewards.
     """
-    moments, reads = Moments(), MappedReads((stored.arrays[name],))
+    moments, reads = RunningMoments(), MappedReads((stored.arrays[name],))
     for number in np.flatnonzero(stored.table.split == 0).tolist():
         rows = stored.rows(number, name)
         moments.add(rows.reshape(-1, rows.shape[2] if rows.ndim == 3 else 1))
