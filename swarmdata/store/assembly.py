@@ -275,8 +275,8 @@ def _keep(folder: Path, checkpoints: Mapping[str, bytes]) -> list[str]:
 
 
 def _write(
-    folder: Path, recipe: Origin, source: ShardSource, shards: dict[str, Shard], kept: Sequence[str],
-    progress: bool,
+    folder: Path, recipe: Origin, source: ShardSource, shards: dict[str, Shard],
+    kept: Sequence[str], progress: bool,
 ) -> Manifest:  # fmt: skip
     """Writes all arrays and the recipe; returns the manifest, which lists `kept` files as well."""
     logical = hashlib.sha256()
