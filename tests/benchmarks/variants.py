@@ -31,6 +31,8 @@ KERNELS = {
 }
 """OpenBLAS's kernels by the name one asks for, and the names that it then gives itself."""
 
+AVX512 = {"X86_V4", "AVX512_SKX"}  # by the names of NumPy 2.4 and of earlier ones
+
 
 class Probe(NamedTuple):
     """What the libraries of an interpreter do."""
@@ -98,6 +100,8 @@ def _kernel(name: str) -> Variant:
             return "NumPy's BLAS is not OpenBLAS"
         if probe.kernel not in KERNELS[name]:
             return f"OpenBLAS runs {probe.kernel} instead: the processor lacks its instructions"
+        if name == "SkylakeX" and AVX512.isdisjoint(probe.features):  # OpenBLAS does not ask
+            return "the processor has no AVX-512"
         return ""
 
     return Variant(name, {"OPENBLAS_CORETYPE": name}, obstacle=obstacle)
