@@ -24,7 +24,10 @@ def test_shipped_studies_are_of_shipped_datasets(name: str) -> None:
     assert len(study.seeds) >= (2 if name == "smoke" else 5)
 
 
-@pytest.mark.parametrize("file", sorted(SHIPPED.glob("*.yaml")), ids=lambda file: file.stem)
+@pytest.mark.parametrize(
+    "file", sorted([*SHIPPED.glob("*.yaml"), *SHIPPED.glob("*/study.yaml")]),
+    ids=lambda file: f"{file.parent.name}-{file.stem}",
+)  # fmt: skip
 def test_every_row_without_its_ingredient_stands_in_a_pair(file: Path) -> None:
     """Of the same length, with the settings that the registry takes the ingredient away by."""
     study = Study.from_file(file)
