@@ -25,7 +25,7 @@ def sample_rows(values: Tensor, parameters: Parameters) -> Tensor:
 def sample_segments(values: Tensor, parameters: Parameters, window: int) -> Tensor:
     """Returns segments of L steps of values [T, K, E, N, ...], by network, [R, segments, L, ...].
 
-    Networks are as of `sample_rows`. T is a multiple of L = `window`; 1 gives single steps.
+    Networks are those of `sample_rows`. T is a multiple of L = `window`; 1 gives single steps.
     """
     segments = values.reshape(-1, window, *values.shape[1:])  # [S, L, K, E, N, ...]
     return sample_rows(segments.movedim(1, 4), parameters)

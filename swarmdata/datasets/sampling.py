@@ -260,7 +260,7 @@ class Sampler(RowSampler):
         arrays: the stored arrays.
         table: all stored episodes.
         selection: stored episodes to draw from, [n].
-        batch_size: as `TrainingData.sampler` takes it, and likewise `horizon` and `burn_in`.
+        batch_size: joint transitions, or windows, of a batch, B.
         horizon: steps of a window, L.
         burn_in: steps before a segment.
         seed: of the stream of batches, 0 to 2**64 - 1.

@@ -38,7 +38,7 @@ LAYOUT_VERSION = "v3.0"
 FILE_BYTES = 100 << 20
 """A file of frames holds at most about so many bytes of numbers, as LeRobot's own."""
 
-CHUNK_FILES = 1000  # files in a folder, likewise
+CHUNK_FILES = 1000  # files in a folder, as LeRobot has
 
 KEPT_NAMES = {
     "observations": "observation.state, without the last",

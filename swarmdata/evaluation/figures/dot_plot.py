@@ -22,7 +22,7 @@ from swarmdata.drawing.style import (
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_statistics import Estimate
 
-Looks = Mapping[str, Mapping[str, str]]  # color and marker of each label, as of `family_looks`
+Looks = Mapping[str, Mapping[str, str]]  # color and marker of each label, from `family_looks`
 
 ROW_HEIGHT, LOWEST_ROW = 0.155, 0.105  # inches; rows are as low as the screen needs
 SCREEN_HEIGHT = 5.5  # inches: of a figure without its legend, so that it has 1,200 pixels at most

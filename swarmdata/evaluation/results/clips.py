@@ -99,7 +99,7 @@ def draw_target(
         communication: communication model, likewise.
         backend: simulator of policies, tiers and runs.
         size: as `write_clip` takes it.
-        stride: likewise.
+        stride: as `write_clip` takes it.
 
     Raises:
         SchemaError: the suffix is unknown, or there is no such episode.

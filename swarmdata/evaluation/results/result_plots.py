@@ -159,7 +159,7 @@ def _far_from_trained(case: Case, returns: Mapping[str, float]) -> list[str]:
 
 
 def plot_estimates(panels: Mapping[str, Mapping[str, Estimate]], path: Path, looks: Looks) -> None:
-    """Draws panels, as of `Table.panels`, with a row per policy, the first one on top."""
+    """Draws the panels of `Table.panels` with a row per policy, the first one on top."""
     rows = next((list(estimates) for estimates in panels.values()), [])
     drawn = [Panel(estimates, xlabel) for xlabel, estimates in panels.items()]
     plot_dots([PanelLine(rows, drawn)], looks, path, legend={})

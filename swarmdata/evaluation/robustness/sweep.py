@@ -114,8 +114,8 @@ def plan_sweep(
         out: folder; an interrupted sweep of the same teams resumes in it.
         n_episodes: number of seeds, the same at every point.
         task: of tiers and runs, as `find_target` takes it.
-        backend: simulator of all points, likewise.
-        randomization: of all points, likewise.
+        backend: simulator of all points.
+        randomization: ranges that episodes of all points draw from.
         block: of the seeds.
 
     Raises:

@@ -71,7 +71,7 @@ class Trained(NamedTuple):
         """Loads the policies, one per seed, for another spec than that of their training.
 
         Policies over sets act with other numbers of robots and slots; all others need those of
-        their training. `advice` is as of `task`.
+        their training. `advice`: see `task`.
 
         Raises:
             PolicyFitError: the robots, their number, the features or the actions do not fit.

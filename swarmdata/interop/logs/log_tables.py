@@ -81,7 +81,7 @@ class LogTable:
         if not isinstance(cells, np.ndarray):
             return np.array([_exact(text, size, where) for text in cells], np.int64)
         if cells.ndim != 1 or cells.dtype.kind not in "iuf":
-            raise ConversionError(f"{where} are no numbers, expected one in each row")
+            raise ConversionError(f"{where} are not numbers, expected one in each row")
         if not (np.abs(cells.astype(np.float64)) * size <= MOST_NANOSECONDS).all():  # nor is NaN
             raise ConversionError(f"{where} are missing, or out of bounds")
         if cells.dtype.kind in "iu":

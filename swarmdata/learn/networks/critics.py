@@ -206,8 +206,8 @@ class RobotViews:
     def actions(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
         """Returns actions as the critics see them, by network row, [K, B N, A] or [K, B N, N A].
 
-        `own` are the robots' actions in their frames, [K, B, N, A], `others` those that the others
-        take meanwhile, likewise; `own` again for a joint action.
+        `own` are the robots' actions, [K, B, N, A], `others` those that the others take meanwhile,
+        [K, B, N, A], or `own` again for a joint action; each in the frame of the robot that acts.
         """
         if self.critic == "decentralized":
             return own.flatten(1, 2)

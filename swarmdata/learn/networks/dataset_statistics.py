@@ -103,7 +103,7 @@ def _deviation(values: Double, weights: Double | None) -> float:
 
 
 def returns_to_go(rewards: Double | Sequence[float], discount: float) -> Double:
-    """Returns G_t = r_t + discount * G_{t+1} of rewards of one episode, [T] or [T, N]; likewise."""
+    """Returns G_t = r_t + discount * G_{t+1} of rewards and has their shape, [T] or [T, N]."""
     result = np.empty(np.shape(rewards))
     following: Double | float = 0.0
     for t in range(len(rewards) - 1, -1, -1):

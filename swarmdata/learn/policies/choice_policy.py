@@ -92,7 +92,8 @@ class ChoicePolicy(Memoryless):
     def choose(self, features: Tensor, observations: Float, allowed: Bool | None = None) -> Float:
         """Returns joint actions, float32 [E, N, D], by what the networks see, float64 [E, N, F].
 
-        Observations are in the world's frame, [E, N, O]; `allowed` is as of `act_among`, None all.
+        Observations are in the world's frame, [E, N, O]; `allowed` is that of
+        `act_among`; None: all choices.
         """
         columns = None
         if allowed is not None:

@@ -172,7 +172,7 @@ def check_observations(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SetPolicy(Memoryless):
-    """An actor over sets that all robots share and that sees no robot numbers; float64 likewise."""
+    """An actor over sets that all robots share and that sees no robot numbers, in float64."""
 
     layers: Sequence[Layer]  # the actor's weights (`set_networks`), float64, R = 1
     field_mean: Tensor  # subtracted from what is read, float64 [F], F as in `slots.fields`

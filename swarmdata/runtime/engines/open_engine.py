@@ -76,9 +76,9 @@ def do_jobs(
 
     Args:
         jobs: what to do.
-        entry: as `open_engine` takes it, and likewise `engine` and `folder`.
+        entry: as `open_engine` takes it.
         what: the jobs in words, such as "evaluations".
-        engine: where.
+        engine: where jobs are done, as `open_engine` takes it.
         workers: processes of the engine `local`; 1: this one, in the order of the jobs.
         folder: what the command writes to.
         report: gets what handlers report.

@@ -16,7 +16,7 @@ MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/la
 
 
 def row_shapes(origin: Origin, *, widths: bool) -> Mapping[str, Shape]:
-    """Shapes without the first axis, by the name of the array; `widths` as of `task_row_shapes`."""
+    """Shapes without the first axis, by the name of the array; `widths`: see `task_row_shapes`."""
     spec = origin.spec
     if spec.world is not None and origin.missing is None:
         return task_row_shapes(spec.world, widths=widths)

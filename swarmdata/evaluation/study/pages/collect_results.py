@@ -36,7 +36,7 @@ class Findings:
     missing: Mapping[str, str]  # names of the other cells, with the reason if they failed
     results: ResultSet  # on the study's datasets, with online algorithms as baselines
     sizes: ResultSet | None  # of the data efficiency; None: nothing was measured
-    views: ResultSet | None  # of other views of the data or, of online rows, of the task; likewise
+    views: ResultSet | None  # of other views of the data, or of the task; None: the same
     facts: Mapping[str, DatasetFacts]  # cell's name -> of the dataset that it was trained on
     costs: Mapping[str, Cost]  # cell's name -> its cost
     work: Path  # folder of the cells
