@@ -23,7 +23,7 @@ from swarmdata.envs.physics.episode_bodies import (
     SLIDE_FRICTION,
     TURN_FRICTION,
 )
-from swarmdata.envs.physics.free_motion import is_free, move, static_gap, write_travel_bounds
+from swarmdata.envs.physics.free_motion import is_free, move, write_travel_bounds
 from swarmdata.envs.physics.impacts import time_to_impact
 from swarmdata.envs.physics.munk_calls import (
     ADD,
@@ -83,7 +83,6 @@ class Spaces(NamedTuple):
     robots: Annotated[Double, 3]  # [E, N, 6] columns as in `drive`
     movables: Annotated[Double, 3]  # [E, K, 7] columns `state_layout.BODY`
     solver_dt: Annotated[Double, 1]  # [E] s, of the solver's last step, 0 or `UNWRITTEN`
-    inside: Annotated[Int, 2]
 
 
 SPACES = bundle_type(Spaces)
@@ -144,43 +143,6 @@ def _restart_solver(
 
 
 @kernel
-def _sort_out(calls, space, shapes, bodies, team, dt, part, radii, layout, half, gaps, inside, restart):
-    n = team.shape[0]
-    first = shapes.shape[0] - bodies.shape[0]
-    near = np.zeros(n, np.int64)
-    for i in range(n):
-        px, py = team[i, 0] + team[i, 2] * part, team[i, 1] + team[i, 3] * part
-        for j in range(i + 1, n):
-            dx = team[j, 0] + team[j, 2] * part - px
-            dy = team[j, 1] + team[j, 3] * part - py
-            reach = radii[i] + radii[j] + 0.005
-            if dx * dx + dy * dy <= reach * reach:
-                near[i] = 1
-                near[j] = 1
-        if near[i]:
-            continue
-        moved = abs(px - gaps[i, 0]) + abs(py - gaps[i, 1])
-        if gaps[i, 2] - moved > 0.005:
-            continue
-        if static_gap(px, py, radii[i], layout, half) <= 0.005:
-            near[i] = 1
-    for i in range(n):
-        if inside[i] and (restart or not near[i]):
-            call_pp(calls[REMOVE], space, shapes[first + i])
-            inside[i] = 0
-        if near[i] and not inside[i]:
-            call_pd(calls[UPDATE_POSITION], bodies[i], dt)
-            call_pv(calls[SET_POSITION], bodies[i], team[i, 0], team[i, 1])
-            call_pv(calls[SET_VELOCITY], bodies[i], 0.0, 0.0)
-            call_pp(calls[ADD], space, shapes[first + i])
-            call_pv(calls[SET_VELOCITY], bodies[i], team[i, 2], team[i, 3])
-            inside[i] = 1
-        elif not near[i]:
-            call_pv(calls[SET_POSITION], bodies[i], team[i, 0], team[i, 1])
-            call_pv(calls[SET_VELOCITY], bodies[i], team[i, 2], team[i, 3])
-
-
-@kernel
 def _write_obstacles(calls: Int, shapes: Int, layout: Float) -> None:
     corners = np.empty((3, 4, 2))
     s = 4  # after the walls
@@ -208,14 +170,12 @@ def _write_space(
     movables: Double,
     limits: Double,
     dt: float,
-    inside: Int,
 ) -> None:
     """Makes a used space what `build_space` would build."""
     n = robots.shape[0]
     first = shapes.shape[0] - bodies.shape[0]
-    for q in range(shapes.shape[0]):
-        if q < first or q >= first + n or inside[q - first]:
-            call_pp(calls[REMOVE], space, shapes[q])
+    for shape in shapes:
+        call_pp(calls[REMOVE], space, shape)
     for joint in joints:
         call_pd(calls[SET_MAX_FORCE], joint, 0.0)
     call_pd(calls[STEP], space, dt)  # clears overlap velocities, and impulses by forces of 0
@@ -260,7 +220,7 @@ def _advance(
     """Advances the active copies of the packed `Spaces`; the rest is as in `Backend.step`."""
     (
         calls, spaces, bodies, shapes, joints, payloads, n_substeps, dt, limits, radii, half,
-        body_shapes, robots, movables, solver_dt, inside,
+        body_shapes, robots, movables, solver_dt,
     ) = unpack(packed, SPACES)  # fmt: skip
     can_be_free = movables.shape[1] == 0
     accelerations, (travel, still) = np.zeros((radii.shape[0], 2)), np.zeros((2, radii.shape[0]))
@@ -288,10 +248,10 @@ def _advance(
                 if solver_dt[b] < 0.0:
                     _write_space(
                         calls, spaces[b], shapes[b], bodies[b], joints[b], payloads[b], layout,
-                        team, movables[b], limits[b], dt, inside[b],
+                        team, movables[b], limits[b], dt,
                     )  # fmt: skip
-                    inside[b] = 1
-                _sort_out(calls, spaces[b], shapes[b], bodies[b], team, dt, part, radii, layout, half, gaps, inside[b], part != solver_dt[b])
+                elif part != solver_dt[b]:
+                    _restart_solver(calls, spaces[b], shapes[b], bodies[b], team, movables[b], dt)
                 solver_dt[b] = part
                 _step_space(calls, spaces[b], bodies[b], limits[b], accelerations, part, team)
                 _read_bodies(calls, bodies[b], movables[b])
@@ -337,7 +297,6 @@ class FastBackend:
             robots=np.zeros((n_copies, n, 6)),
             movables=np.zeros((n_copies, k, 7)),
             solver_dt=np.zeros(n_copies),
-            inside=np.zeros((n_copies, n), dtype=np.int64),
         )
         self._block = ArgumentBlock(self.spaces, SPACES)
         self._owners: list[Any] = [None] * n_copies  # keep alive what the addresses point to
@@ -364,7 +323,6 @@ class FastBackend:
             self._plan, layout, ours.robots[b], ours.movables[b], ours.limits[b], ours.payloads[b]
         )
         self._owners[b] = space, bodies
-        ours.inside[b] = 1
         ours.spaces[b] = address(space._space)
         ours.bodies[b] = [address(body._body) for body in bodies]
         ours.shapes[b] = [address(shape._shape) for shape in space.shapes]
