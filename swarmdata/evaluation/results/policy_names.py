@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
-from swarmdata.evaluation.runs.named_policies import open_run
+from swarmdata.evaluation.runs.named_policies import find_opponents, open_run
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.interfaces import Policy
@@ -278,26 +278,9 @@ def _on_side(
     provenances: tuple[Provenance, ...],
 ) -> Target:
     """Policies that play one side, each against the opponents."""
-    who, label = _opponents(opponents, side, spec)
+    who, label = find_opponents(opponents, side, spec)
     teams = tuple(play_sides(spec, side, each, who) for each in policies)
     return Target(spec, teams, provenances, SideSpec(whole=spec, side=side, opponents=label))
-
-
-def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
-    """Who plays against a side, as `play_sides` takes it, and its name in results."""
-    if (run := find_run(name)) is not None:
-        found = open_run(run)
-        other = found.side
-        if other is None or other.side == side or other.whole.rules != spec.rules:
-            raise SpecError(
-                f"{name} was not trained for another side of {spec.task} than {side}, and cannot "
-                "play against it"
-            )
-        first = found.provenances[0]
-        return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
-    if name not in (known := checkpoint_free_policies()):
-        raise UnknownNameError("registered policy or run folder", name, known)
-    return name, name
 
 
 def _refuse_sides(name: str, side: str | None, opponents: str | None) -> None:

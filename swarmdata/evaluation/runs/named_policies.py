@@ -172,6 +172,30 @@ def _exact_copy(policy: Policy, spec: TaskSpec, path: Path) -> float | None:
     return error if error <= EXACT_TOLERANCE else None
 
 
+def find_opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
+    """Who plays against a side, as `play_sides` takes it, and its name in results.
+
+    Raises:
+        SpecError: the name is of a run for no other side of the task.
+        UnknownNameError: it is neither a registered policy nor a run folder; or there is no such
+            side.
+    """
+    spec.side(side)
+    if (run := find_run(name)) is not None:
+        found = open_run(run)
+        other = found.side
+        if other is None or other.side == side or other.whole.rules != spec.rules:
+            raise SpecError(
+                f"{name} was not trained for another side of {spec.task} than {side}, and cannot "
+                "play against it"
+            )
+        first = found.provenances[0]
+        return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
+    if name not in (known := checkpoint_free_policies()):
+        raise UnknownNameError("registered policy or run folder", name, known)
+    return name, name
+
+
 def make_policy(
     name: str | Path,
     spec: TaskSpec | Path | str | None = None,
