@@ -31,6 +31,7 @@ from swarmdata.runtime.outside_names import is_folder, looks_like_path
 from swarmdata.runtime.own_components import defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, SideSpec, task_of
+from swarmdata.specs.recipe import who_acts
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.recognition import is_dataset as is_dataset_folder
@@ -204,7 +205,7 @@ def _own_target(folder: Path, choose: Choose) -> Target:
     stored = open_store(folder, "none")
     origin, packages = stored.recipe, stored.manifest.provenance
     task_of(origin, "acting again")
-    unknown = [source for source in origin.policies if source.name not in POLICIES]
+    unknown = [source for source in who_acts(origin.policies) if source.name not in POLICIES]
     if unknown and origin.recipe is not None:
         name = unknown[0].name
         missing = defined_elsewhere("policy", name, packages.get(f"policy {name}", ""))
@@ -221,7 +222,7 @@ def _own_target(folder: Path, choose: Choose) -> Target:
 def _recorded_target(
     name: str, origin: Origin, choose: Choose, folder: Path | None = None
 ) -> Target:
-    is_fixed = any(source.name in CHECKPOINT_POLICIES for source in origin.policies)
+    is_fixed = any(source.name in CHECKPOINT_POLICIES for source in who_acts(origin.policies))
     spec = _evaluation_spec(name, task_of(origin, "acting again"), choose, is_fixed=is_fixed)
     policies = tuple(make_source_policy(source, spec, folder) for source in origin.policies)
     return Target(spec, policies, _numbered(name, [origin.hash()] * len(policies)))

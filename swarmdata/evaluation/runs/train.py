@@ -377,11 +377,9 @@ def train_online(
         "observation": portable_source(observation),
         "communication": portable_source(communication),
         "randomization": None if randomization is None else ranges_of(randomization),
-        "start": None if start is None else portable_name(start),
-        "data": None if data is None else _portable_names(data),
-        "weights": None if weights is None else list(weights),
+        "start": _portable_names(start), "data": _portable_names(data), "side": side,
+        "opponents": _portable_names(opponents), "weights": None if weights is None else [*weights],
         "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
-        "side": side, "opponents": None if opponents is None else portable_name(opponents),
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
     found = tuple(seeds)
@@ -391,8 +389,10 @@ def train_online(
     train_in_groups(training, TRAINER, Path(out), tuple(map(int, found)), part, where)
 
 
-def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:
-    """One dataset, or several, by names that mean the same in any process."""
+def _portable_names(names: str | Path | Sequence[str | Path] | None) -> str | list[str] | None:
+    """One dataset or run, or several, by names that mean the same in any process."""
+    if names is None:
+        return None
     if isinstance(names, str | Path):
         return portable_name(names)
     return [portable_name(name) for name in names]
