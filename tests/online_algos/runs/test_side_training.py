@@ -10,7 +10,7 @@ import pytest
 from swarmdata.errors import CheckpointError, SpecError
 from swarmdata.evaluation.results.online_report import write_online_report
 from swarmdata.evaluation.results.policy_names import find_target
-from swarmdata.evaluation.runs.train import train_online
+from swarmdata.evaluation.runs.train import train, train_online
 from swarmdata.learn.training.run_files import read_table
 from swarmdata.online_algos.dagger import DAggerConfig
 from swarmdata.online_algos.imitation.teachers import teacher_of
@@ -25,8 +25,10 @@ from swarmdata.registry.presets import preset
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.rollouts.side_env import SideEnv
 from swarmdata.specs.origins import SideSpec
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.state_layout import robots_of
 from tests.support.pairs import slow
+from tests.support.tiny import make_tiny
 
 TAG = preset("tag").with_updates(horizon=20)
 REPLAY: dict[str, Any] = {"batch_size": 4, "capacity": 64, "margin": 128, "frame": "auto"}
@@ -166,3 +168,22 @@ def test_clones_of_the_ring_catch_the_evader(tmp_path: Path) -> None:
     run = describe_run("dagger", config, spec, (0,), n_checkpoints=1, n_episodes=64)
     train_run(run, tmp_path / "run", opponents="scripted")
     assert read_table(tmp_path / "run" / "curve.csv")[-1]["success"] > 0.5
+
+
+def test_a_side_continues_an_offline_run_and_mixes_in_its_data(tmp_path: Path) -> None:
+    opponent = PolicySource(label="evader", name="random")
+    team = (PolicySource(label="a", name="scripted", opponents=(opponent,)),)
+    data = make_tiny(tmp_path / "tag-tiny-v0", id="tag-tiny-v0", spec=TAG, policies=team)
+    few = {"n_updates": 4, "hidden": "8", "batch_size": 8, "regulariser": "none"}
+    for name in ("pursuers", "evader"):
+        train("vdn", data, tmp_path / name, side=name, n_seeds=1, changes=few, progress=False)
+    changes = {"n_steps": "64", "n_copies": "4", "rollout_steps": "4", "batch_size": "8"}
+    options: dict[str, Any] = {
+        "side": "pursuers", "opponents": "idle", "data": data, "seeds": [0], "changes": changes,
+        "n_checkpoints": 1, "progress": False,
+    }  # fmt: skip
+    train_online("vdn", TAG, tmp_path / "on", start=tmp_path / "pursuers", **options)
+    first, last = read_table(tmp_path / "on" / "curve.csv")
+    assert (first["frames"], last["frames"]) == (0, 64)
+    with pytest.raises(CheckpointError, match=r"was trained for tag: evader .* differs from this"):
+        train_online("vdn", TAG, tmp_path / "x", start=tmp_path / "evader", **options)
