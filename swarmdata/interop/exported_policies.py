@@ -15,12 +15,14 @@ from swarmdata.learn.training.run_files import find_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.extras import require_extra
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import RecordedSpec, SideSpec
 from swarmdata.specs.origins.log_map import Motion
 from swarmdata.specs.spaces import DictSpace, Space, TupleSpace, width
 from swarmdata.specs.task_spec import TaskSpec
 
 SUFFIXES = (".onnx", ".py")  # of files that a policy can become
+
+Trainable = TaskSpec | SideSpec | RecordedSpec
 
 
 def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
@@ -57,7 +59,8 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     if isinstance(spec, RecordedSpec):
         features = [_columns(agent.observation, "") for agent in spec.agents]
     else:
-        features = [[each.name for each in features_of(make_task(spec))]] * spec.n_agents
+        task = spec.whole if isinstance(spec, SideSpec) else spec
+        features = [[each.name for each in features_of(make_task(task))]] * spec.n_agents
     k = seeds.index(seed)
     export = export_onnx if path.suffix == ".onnx" else export_numpy
     return export(
@@ -73,10 +76,12 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     )
 
 
-def _trained(name: str) -> tuple[TaskSpec | RecordedSpec, Sequence[Policy], Sequence[Provenance]]:
-    """Spec, policies and provenances of a run, on a task or on a recording."""
+def _trained(name: str) -> tuple[Trainable, Sequence[Policy], Sequence[Provenance]]:
+    """Spec, policies and provenances of a run, on a task, a side of it, or a recording."""
     if (run := find_run(name)) is not None:
         found = open_run(run)
+        if found.side is not None:
+            return found.side, found.policies(), found.provenances
         if found.spec.get("kind") == "recorded":
             return RecordedSpec.parse(found.spec, name), found.policies(), found.provenances
     target = find_target(name)
@@ -98,9 +103,9 @@ def _columns(space: Space, name: str) -> list[str]:
     return [column for each, part in named for column in _columns(part, each)]
 
 
-def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
+def _commands(spec: Trainable) -> dict[str, Any]:
     """What actions mean: middle + half * action, in SI units; `stop` is None where not known."""
-    if isinstance(spec, TaskSpec):
+    if not isinstance(spec, RecordedSpec):
         commands = []
         for robot in spec.robots:
             is_speed = robot.command == "velocity"
@@ -110,7 +115,7 @@ def _commands(spec: TaskSpec | RecordedSpec) -> dict[str, Any]:
             commands.append(
                 {"middle": [0.0, 0.0], "half": half, "norm": robot.command_norm, "stop": stop}
             )
-        return {"time_step": spec.control_dt, "commands": commands}
+        return {"time_step": spec.time_step, "commands": commands}
     if spec.action_kind == "choices":
         raise PolicyFitError(
             f"policies for {spec.task} choose among whole numbers, expected continuous commands"

@@ -10,10 +10,13 @@ import swarmdata
 from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.interop.exported_policies import _commands, export_policy
+from swarmdata.registry.presets import preset
 from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from tests.examples.robot_runner import Runner
 from tests.interop.logs.logged_team import drive, log_map, write_csv
+from tests.support.tiny import make_tiny
 
 torch = pytest.importorskip("torch", reason="algorithms need torch")
 
@@ -97,3 +100,22 @@ def test_choices_are_refused() -> None:
     )
     with pytest.raises(PolicyFitError, match="choose among whole numbers"):
         _commands(spec)
+
+
+def test_a_policy_of_one_side_drives_its_robots(tmp_path: Path) -> None:
+    task = preset("tag").with_updates(horizon=20)
+    opponent = PolicySource(label="evader", name="random")
+    team = (PolicySource(label="a", name="scripted", opponents=(opponent,)),)
+    data = make_tiny(tmp_path / "tag-tiny-v0", id="tag-tiny-v0", spec=task, policies=team)
+    few = {"n_updates": "4", "batch_size": "8", "hidden": "8"}
+    (policy,) = swarmdata.train(
+        "bc", data, tmp_path / "run", side="evader", n_seeds=1, changes=few, progress=False
+    )
+    runner = Runner(str(export_policy(tmp_path / "run", tmp_path / "policy.py")), "evader_0")
+    step = swarmdata.Dataset.open(data).side("evader")[0]
+    robot = task.robots[3]
+    for row, expected in zip(
+        step.observations[:5, 0], policy.actions(step.observations), strict=False
+    ):
+        found = runner.command(runner.act(dict(zip(runner.features, row.tolist(), strict=True))))
+        np.testing.assert_allclose(found, expected[0] * robot.max_speed, rtol=0, atol=1e-6)
