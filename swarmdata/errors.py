@@ -127,6 +127,25 @@ class PolicyFitError(SchemaError):
     """A trained policy reads or commands something else than a task and its models offer."""
 
 
+def check_type(
+    name: str, value: object, kinds: type | tuple[type, ...], expected: str, advice: str
+) -> None:
+    """Refuses an argument of another type than `kinds`.
+
+    Args:
+        name: of the argument.
+        value: of the argument.
+        kinds: that it may have.
+        expected: what the caller may give, in words.
+        advice: what to do instead, a sentence.
+
+    Raises:
+        SchemaError: it has another type.
+    """
+    if not isinstance(value, kinds):
+        raise SchemaError(f"{name} is {value!r:.100}, expected {expected}. {advice}")
+
+
 class SpawnError(SwarmdataError, RuntimeError):
     """No collision-free layout was found for a spec in the allowed number of attempts."""
 

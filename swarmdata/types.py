@@ -330,6 +330,9 @@ class Batch:
     def in_frame(self, frame: "Frame | None") -> "Batch":
         """Returns the batch as robots see and act in `frame`; states and rewards stay.
 
+        Actions whose first two components turn are first scaled down to a norm of 1 where it is
+        more, up to 1.414, because the worlds do so before they move a robot.
+
         Args:
             frame: of observations and actions, such as `dataset.frame`; None: the world's, in which
                 data are recorded.

@@ -11,11 +11,11 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.event_costs import costs_of
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import take_rows
+from swarmdata.specs.action_scaling import ActionScale
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Bool, Double, Float, Int, Seeds, Wanted
 

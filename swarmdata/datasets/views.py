@@ -24,11 +24,11 @@ from typing import (
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.action_scaling import ActionScale, action_scale
 from swarmdata.datasets.normalization import Moments, Statistics
 from swarmdata.datasets.sampling import BatchStream, RowSampler
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.registry.published import Reference, normalized_score
+from swarmdata.specs.action_scaling import ActionScale, action_scale
 from swarmdata.specs.model_choice import Ranges, models_of, with_models
 from swarmdata.specs.origins import Origin, SideSpec, Spec, task_of
 from swarmdata.specs.task_spec import TaskSpec

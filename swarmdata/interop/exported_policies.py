@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, get_args
 
-from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.named_policies import open_run
@@ -15,6 +14,7 @@ from swarmdata.learn.training.run_files import find_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.runtime.extras import require_extra
+from swarmdata.specs.action_scaling import action_scale
 from swarmdata.specs.origins import RecordedSpec, SideSpec
 from swarmdata.specs.origins.log_map import Motion
 from swarmdata.specs.spaces import DictSpace, Space, TupleSpace, width

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from swarmdata.datasets.action_scaling import action_scale, choices_of
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy
 from swarmdata.record.agent_reader import AgentReader, Presence
 from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import describe_agents, state_source
+from swarmdata.rollouts.function_policy import FunctionPolicy
 from swarmdata.runtime.native_libraries import ThreadLimit
+from swarmdata.specs.action_scaling import ActionScale, action_scale, choices_of
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import to_float32, unflatten
 from swarmdata.types import Bool, EvalResult, FloatOrByte, Seeds, Step, blank_step
@@ -27,17 +28,21 @@ def policy_actions(
     """Returns a policy's actions by agent, in the units of the environment.
 
     Args:
-        policy: acts in [-1, 1], or chooses among discrete actions as they were recorded.
+        policy: acts in [-1, 1], which is mapped to the bounds of the actions, or chooses among
+            discrete actions as they were recorded; a `FunctionPolicy` in the units that it names.
         spec: spec of the recording.
         step: what the agents observe in one copy; see `step_of`.
         allowed: choices that the environment allows, [N, C] as in `action_masks`; None: all.
 
     Raises:
         SchemaError: the environment's actions are unbounded or of mixed kinds, the policy chose an
-            action that does not exist, or it has no `act_among` and there are masks.
+            action that does not exist, it has no `act_among` and there are masks, or it is a
+            function whose units are not known.
     """
     choices = choices_of(spec)
     scale = None if choices else action_scale(spec)
+    if isinstance(policy, FunctionPolicy):
+        _check_units(policy, spec, scale)
     if allowed is None:
         actions = policy.act(step)[0]
     elif act_among := getattr(policy, "act_among", None):
@@ -59,6 +64,22 @@ def policy_actions(
     rows = actions if scale is None else scale.to_environment(actions)
     agents = zip(spec.agents, rows, strict=True)
     return {agent.name: unflatten(agent.action, row) for agent, row in agents}
+
+
+def _check_units(policy: FunctionPolicy, spec: RecordedSpec, scale: ActionScale | None) -> None:
+    """Refuses a function that may mean other actions than the environment would get."""
+    if scale is None and (policy.units is None or policy.units == "unit"):
+        raise SchemaError(
+            f"the actions of {spec.task} are choices, but the FunctionPolicy acts in [-1, 1]. Say "
+            "that it chooses as recorded: FunctionPolicy(act, units=dataset.spec)."
+        )
+    if scale is not None and policy.units is None and not scale.is_identity:
+        raise SchemaError(
+            f"the actions of {spec.task} have other bounds than -1 and 1, but the FunctionPolicy "
+            "does not say in which units it acts. Pass units=dataset.spec if it learned from "
+            "episodes or transitions(), which are in the environment's units, or units='unit' if "
+            "it learned from batches of a sampler, which are in [-1, 1]."
+        )
 
 
 def step_of(observations: FloatOrByte, state: FloatOrByte, *, seed: int, time: int) -> Step:
@@ -90,9 +111,13 @@ def evaluate_parallel(
 ) -> EvalResult:
     """Plays one episode for each seed with a policy that was trained on a recording.
 
+    Policies act in [-1, 1], as the algorithms of this library learn from batches, and the
+    environment gets the affine map of that to the bounds of its actions; choices are passed on.
+
     Args:
-        policy: such as `swarmdata.train` returns. If the environment has action masks, the policy
-            needs `act_among(step, allowed)`.
+        policy: such as `swarmdata.train` returns, or a `FunctionPolicy`, whose `units` say whether
+            it acts in [-1, 1] or in the environment's units. If the environment has action masks,
+            the policy needs `act_among(step, allowed)`.
         make_env: makes an environment like the recorded one; it is closed at the end.
         spec: spec of the recording.
         seeds: seeds of the resets, such as `swarmdata.foreign_evaluation_seeds(100)`, [n].
@@ -100,7 +125,7 @@ def evaluate_parallel(
 
     Raises:
         SchemaError: the environment differs from the recorded one, there are no seeds, or the
-            policy's actions do not fit the environment.
+            policy's actions do not fit the environment or are in unknown units.
     """
     if not len(seeds):
         raise SchemaError("there are no seeds, expected at least one episode to play")

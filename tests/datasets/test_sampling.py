@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.sampling import Sampler
 from swarmdata.errors import SchemaError
+from swarmdata.specs.action_scaling import ActionScale
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import Batch, Episode
 

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import swarmdata
-from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.interop.exported_policies import _commands, export_policy
 from swarmdata.registry.presets import preset
+from swarmdata.specs.action_scaling import action_scale
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec

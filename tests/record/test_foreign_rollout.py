@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmdata import FunctionPolicy
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.results.result_files import Result, load_result, save_result
@@ -18,8 +19,17 @@ from swarmdata.record import (
 )
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.spaces import Limits
-from swarmdata.types import Float, Step
-from tests.record.worlds import Choosing, Constant, Counting, record, spec_of, steady
+from swarmdata.types import Float, Seeds, Step
+from tests.record.worlds import (
+    Choosing,
+    Constant,
+    Counting,
+    Reaching,
+    Seeing,
+    record,
+    spec_of,
+    steady,
+)
 
 torch = pytest.importorskip("torch")
 
@@ -145,6 +155,71 @@ def test_algorithms_train_on_a_recording(
     assert kept.evaluation.metrics["return"].tolist() == result.metrics["return"].tolist()
     with pytest.raises(SpecError, match="evaluate_parallel"):
         find_target(str(tmp_path / "run"))
+
+
+@pytest.fixture(scope="module")
+def reached(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    """What an expert did, who acts as it observes."""
+    env = Reaching()
+    path = tmp_path_factory.mktemp("reached") / "ds"
+    return record(env, path, 10, lambda agent, _: env.best[agent].astype(np.float32))
+
+
+def cloned(observations: Float, actions: Float) -> Any:
+    """Behavior cloning of rows [n, N, ...] by least squares: a function of observations."""
+    ones = np.ones((*observations.shape[:2], 1))
+    inputs = np.concatenate([observations, ones], -1).transpose(1, 0, 2)  # [N, n, O + 1]
+    weights = np.stack(
+        [
+            np.linalg.lstsq(x, y, rcond=None)[0]
+            for x, y in zip(inputs, actions.swapaxes(0, 1), strict=True)
+        ]
+    )
+    return lambda seen: np.einsum("eno,noa->ena", seen, weights[:, :-1]) + weights[:, -1]
+
+
+def own_score(act: Any, seeds: Seeds) -> list[float]:
+    """Team returns of a function in a loop that does not use the library."""
+    env, scores = Reaching(), []
+    for seed in seeds.tolist():
+        observations, _ = env.reset(seed=seed)
+        scores.append(0.0)
+        while env.agents:
+            rows = act(np.stack([observations[name] for name in env.agents])[None])[0]
+            observations, rewards, *_ = env.step(dict(zip(env.agents, rows, strict=True)))
+            scores[-1] += float(np.mean(list(rewards.values())))
+    return scores
+
+
+def test_a_function_that_learned_from_episodes_scores_as_in_a_loop_of_its_own(
+    reached: Dataset,
+) -> None:
+    rows, seeds = reached.transitions(), foreign_evaluation_seeds(3)
+    act = cloned(rows["observations"], rows["actions"])
+    policy = FunctionPolicy(act, units=reached.spec)
+    result = evaluate_parallel(policy, Reaching, spec_of(reached), seeds)
+    np.testing.assert_allclose(result.metrics["return"], own_score(act, seeds), atol=1e-5)
+    assert result.metrics["return"].min() > -1e-4, "it does as the expert, who loses nothing"
+
+
+def test_a_function_that_learned_from_batches_scores_the_same(reached: Dataset) -> None:
+    batch, seeds = next(reached.sampler(256)), foreign_evaluation_seeds(3)
+    policy = FunctionPolicy(cloned(batch.observations, batch.actions), units="unit")
+    result = evaluate_parallel(policy, Reaching, spec_of(reached), seeds)
+    assert result.metrics["return"].min() > -1e-4
+
+
+def test_a_function_without_units_is_refused_where_they_matter(
+    reached: Dataset, tmp_path: Path
+) -> None:
+    seeds = foreign_evaluation_seeds(1)
+    policy = FunctionPolicy(lambda seen: seen)
+    with pytest.raises(SchemaError, match=r"reaching_v0 have other bounds .* units=dataset.spec"):
+        evaluate_parallel(policy, Reaching, spec_of(reached), seeds)
+    seen = record(Seeing(), tmp_path / "ds", 2)
+    still = FunctionPolicy(lambda rows: np.zeros((*rows.shape[:2], 2)))
+    result = evaluate_parallel(still, Seeing, spec_of(seen), seeds)
+    assert np.isfinite(result.metrics["return"]).all(), "its bounds are -1 and 1"
 
 
 @pytest.mark.slow

@@ -146,7 +146,9 @@ def test_an_environment_of_gymnasium_is_one_agent(
 @pytest.mark.slow
 def test_a_policy_plays_gymnasium(tmp_path: Path) -> None:
     dataset = record(gymnasium.make("Pendulum-v1"), tmp_path / "ds", 4, task="pendulum_v1")
-    policy = FunctionPolicy(lambda observations: np.zeros((*observations.shape[:2], 1), np.float32))
+    policy = FunctionPolicy(
+        lambda observations: np.zeros((*observations.shape[:2], 1), np.float32), units="unit"
+    )
     result = evaluate_parallel(
         policy, lambda: gymnasium.make("Pendulum-v1"), spec_of(dataset), foreign_evaluation_seeds(2)
     )

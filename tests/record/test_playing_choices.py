@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.spaces import Box, Discrete, MultiDiscrete, Space
 
+from swarmdata import FunctionPolicy
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.record import (
@@ -168,6 +169,20 @@ def test_masks_of_the_environment_reach_the_policy(spec: RecordedSpec) -> None:
 def test_what_is_no_choice_is_refused(spec: RecordedSpec, rows: Any, message: str) -> None:
     with pytest.raises(SchemaError, match=message):
         evaluate_parallel(Constant(*rows), Signals, spec, foreign_evaluation_seeds(1))
+
+
+def test_a_function_chooses_as_recorded(dataset: Dataset, spec: RecordedSpec) -> None:
+    """Clipped to [-1, 1], it would never name the numbers above 1."""
+
+    def act(seen: Float) -> Float:
+        named = seen.argmax(-1).astype(float)  # [E, N]
+        return np.stack([named + np.array([0, 1]), np.ones_like(named) * [1, 0]], -1)
+
+    seeds = foreign_evaluation_seeds(2)
+    result = evaluate_parallel(FunctionPolicy(act, units=dataset.spec), Signals, spec, seeds)
+    assert result.metrics["return"].tolist() == [1.25 * LENGTH] * 2
+    with pytest.raises(SchemaError, match=r"are choices, .* units=dataset.spec"):
+        evaluate_parallel(FunctionPolicy(act, units="unit"), Signals, spec, seeds)
 
 
 def test_actions_are_those_of_the_environment(spec: RecordedSpec) -> None:

@@ -165,6 +165,29 @@ class Choosing(Together):
         return observations
 
 
+class Reaching(Together):
+    """Each agent observes the action that is rewarded most, in bounds that are not -1 and 1."""
+
+    NAME = "reaching_v0"
+    ACTIONS: ClassVar[dict[str, Space[Any]]] = {
+        "slow": Box(-0.5, 0.5, (2,), np.float32),
+        "forward": Box(0.0, 4.0, (2,), np.float32),
+    }
+
+    def observation_space(self, agent: str) -> Space[Any]:
+        return Box(-5, 5, (2,), np.float32)
+
+    def observe(self) -> dict[str, Any]:
+        """Returns each agent's best action."""
+        source = np.random.default_rng((self.seed, self.time))
+        boxes = ((name, self.action_space(name)) for name in self.possible_agents)
+        self.best = {name: source.uniform(each.low, each.high) for name, each in boxes}
+        return {name: best.astype(np.float32) for name, best in self.best.items()}
+
+    def rewards(self, actions: dict[str, Any]) -> dict[str, float]:
+        return {name: -float(np.abs(a - self.best[name]).sum()) for name, a in actions.items()}
+
+
 class Constant:
     """A policy of two agents that do always the same; remembers what it saw."""
 

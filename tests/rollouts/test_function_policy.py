@@ -9,7 +9,10 @@ from hypothesis import strategies as st
 
 from swarmdata import FunctionPolicy, make_env
 from swarmdata.errors import SchemaError
+from swarmdata.record import step_of
 from swarmdata.rollouts.function_policy import frame_of
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.spaces import BoxSpace
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.types import Float, Step
@@ -47,6 +50,25 @@ def test_actions_are_clipped(value: float) -> None:
     assert not FunctionPolicy(policy._function).log_probs(step, actions).any()
 
 
+def in_bounds(low: float, high: float) -> RecordedSpec:
+    """Two agents whose actions have one column with these bounds."""
+    box = BoxSpace(shape=(1,), dtype="float32", low=low, high=high)
+    agents = [RecordedAgent(name=name, observation=box, action=box) for name in ("a", "b")]
+    data = {"task": "other", "agents": agents, "state_size": 1, "state_from": "environment"}
+    return RecordedSpec.parse(data)
+
+
+def test_a_function_in_the_units_of_an_environment_acts_in_unit_actions() -> None:
+    step = step_of(np.zeros((2, 1), np.float32), np.zeros(1, np.float32), seed=0, time=0)
+    policy = FunctionPolicy(lambda _: np.array([[[3.0], [9.0]]]), units=in_bounds(2, 6))
+    actions = policy.act(step)
+    assert actions.tolist() == [[[-0.5], [1.0]]], "the second is clipped to its bounds"
+    assert not policy.log_probs(step, actions).any()
+    wide = FunctionPolicy(lambda _: np.zeros((1, 2, 3)), units=in_bounds(2, 6))
+    with pytest.raises(SchemaError, match=r"shape \(1, 2, 3\) .* expected \(1, 2, 1\)"):
+        wide.act(step)
+
+
 SHAPES = ((3, 2), (3, 4), (12, 2), (1, 4, 2), (3, 4, 2, 1))
 
 
@@ -60,6 +82,19 @@ SHAPES = ((3, 2), (3, 4), (12, 2), (1, 4, 2), (3, 4, 2, 1))
 def test_what_is_no_joint_action_is_refused(actions: Any, message: str) -> None:
     with pytest.raises(SchemaError, match=message):
         FunctionPolicy(lambda _: actions).act(first_step())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"frame": "target"}, r"frame is 'target', expected a Frame .*frame_of\(dataset.spec"),
+        ({"units": "m/s"}, r"units is 'm/s', expected a spec .* units=dataset.spec"),
+        ({"function": 3}, "the policy is 3, expected a function"),
+    ],
+)
+def test_arguments_of_another_type_are_refused(arguments: Any, message: str) -> None:
+    with pytest.raises(SchemaError, match=message):
+        FunctionPolicy(**{"function": drive, **arguments})
 
 
 def test_tensors_are_taken() -> None:

@@ -9,10 +9,10 @@ from swarmdata.cards.references import LESS_COORDINATED
 from swarmdata.catalogue.elements import Html, element, join, section
 from swarmdata.catalogue.entries import Entry
 from swarmdata.catalogue.pages.figures_shown import UNKNOWN, file_size, percent, score
-from swarmdata.datasets.action_scaling import action_scale, has_choices
 from swarmdata.errors import SchemaError
 from swarmdata.registry.published import license_of
 from swarmdata.runtime.cache_folder import cache_folder
+from swarmdata.specs.action_scaling import action_scale, has_choices
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import Spec
 

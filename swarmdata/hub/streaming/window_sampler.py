@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.datasets.action_scaling import ActionScale
 from swarmdata.datasets.reobservation import OBSERVED_ARRAYS
 from swarmdata.datasets.sampling import Rows, RowSampler, SampledView, Sampler, take_at
 from swarmdata.hub.streaming.episode_blocks import EpisodeBlocks
 from swarmdata.numerics.random import derive
+from swarmdata.specs.action_scaling import ActionScale
 from swarmdata.store.arrays.layout import ALL_FIELDS
 from swarmdata.types import Batch, Double, Int, Wanted
 

@@ -9,12 +9,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from swarmdata.datasets.action_scaling import action_scale
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.dataset_statistics import Statistics, returns_to_go
 from swarmdata.learn.networks.network_inputs import Normalizer, information
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.training.training_data import Data
+from swarmdata.specs.action_scaling import action_scale
 from swarmdata.types import Double, Episode, Float
 
 

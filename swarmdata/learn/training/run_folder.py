@@ -9,7 +9,6 @@ import torch
 from pydantic import BeforeValidator
 from torch import Tensor
 
-from swarmdata.datasets.action_scaling import choices_of
 from swarmdata.errors import CheckpointError
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.dataset_statistics import Statistics
@@ -21,6 +20,7 @@ from swarmdata.learn.training.settings import from_json
 from swarmdata.perception.frames import Frame, current_fields
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, make_task, resolve
+from swarmdata.specs.action_scaling import choices_of
 from swarmdata.specs.origins import AnySpec
 from swarmdata.store.arrays.column_meanings import state_layout
 

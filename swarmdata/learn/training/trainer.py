@@ -12,7 +12,6 @@ import torch
 from torch import Tensor
 from tqdm import tqdm
 
-from swarmdata.datasets.action_scaling import choices_of, has_choices
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy, fields_of
 from swarmdata.learn.memory.memory_settings import MemorySettings, WindowSettings
@@ -26,6 +25,7 @@ from swarmdata.learn.training.training_data import Data, Sampler, Selective, fra
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.components import DISCRETE_ALGORITHMS, OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.native_libraries import ThreadLimit, keep_freed_memory
+from swarmdata.specs.action_scaling import choices_of, has_choices
 
 Evaluate = Callable[[Policy], Mapping[str, float]]
 """Measures a policy; must return the same for the same policy, with the same names every time."""

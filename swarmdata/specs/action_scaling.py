@@ -32,13 +32,23 @@ class ActionScale:
     middle: Double  # [N, A]
     half: Double  # [N, A], positive
 
+    @property
+    def is_identity(self) -> bool:
+        """Whether every action of the environment is in [-1, 1] already."""
+        return not self.middle.any() and bool((self.half == 1).all())
+
+    def relative(self, actions: Float | Double) -> Double:
+        """Returns actions [..., N, A] of the environment in [-1, 1] if they are in their bounds."""
+        found: Double = (actions.astype(np.float64) - self.middle) / self.half
+        return found
+
     def to_unit(self, actions: Float) -> Float:
         """Returns actions [..., N, A] of the environment as numbers in [-1, 1].
 
         Raises:
             SchemaError: an action lies outside its bounds.
         """
-        unit = (actions.astype(np.float64) - self.middle) / self.half
+        unit = self.relative(actions)
         beyond = np.abs(unit) > 1 + BOUND_TOLERANCE
         if beyond.any():
             index = np.argwhere(beyond)[0]

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.datasets.action_scaling import action_scale, choices_of, has_choices
 from swarmdata.errors import SchemaError
+from swarmdata.specs.action_scaling import action_scale, choices_of, has_choices
 from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.spaces import (
     BoxSpace,
