@@ -64,11 +64,10 @@ class ReplaySettings:
     max_grad_norm: float | None = 10.0  # per seed, of each kind of network
 
     def __post_init__(self) -> None:
-        least = (self.n_steps, self.rollout_steps, self.n_gradient_steps, self.batch_size)
-        if min(least) < 1 or self.capacity < self.n_copies:
+        if self.capacity < self.n_copies:
             raise SchemaError(
-                f"{self}: expected positive counts, and a capacity of at least one step of every "
-                "copy"
+                f"capacity is {self.capacity} with {self.n_copies} copies, expected at least one "
+                "step of every copy"
             )
 
 

@@ -1,7 +1,6 @@
 """Which teacher actors clone, and how it is kept from contacts."""
 
 import inspect
-import math
 from dataclasses import dataclass
 
 from swarmdata.errors import SpecError
@@ -30,10 +29,6 @@ class TeacherSettings:
     teacher_remembers: bool = True  # otherwise it decides from the robots' observations alone
 
     def __post_init__(self) -> None:
-        for name in ("teacher_margin", "surface_margin"):
-            margin = getattr(self, name)
-            if not 0.0 <= margin < math.inf:
-                raise SpecError(f"{name} is {margin:g} m, expected a length that is not negative")
         if self.teacher_margin and not self.teacher:
             raise SpecError(
                 "teacher_margin is set without a teacher; set teacher too, or leave the margin out"

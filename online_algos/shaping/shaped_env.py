@@ -120,8 +120,6 @@ class ShapingConfig:
                 f"contact_ramp is {self.contact_ramp}, expected two parts of training, begin "
                 "before end, such as 0.2,0.75; for the whole cost from the start, -1,0"
             )
-        if not 0 <= self.team_share <= 1:
-            raise SchemaError(f"team_share is {self.team_share}, expected a part, 0 to 1")
 
 
 class ShapedEnv:

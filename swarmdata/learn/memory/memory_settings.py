@@ -25,12 +25,8 @@ class WindowSettings:
         """Returns how many segments have as many steps as a batch of transitions.
 
         Raises:
-            SchemaError: a size is out of range, or less than a segment is asked for.
+            SchemaError: less than a segment is asked for.
         """
-        if self.burn_in < 0 or self.window < 1:
-            raise SchemaError(
-                f"got burn_in={self.burn_in} and window={self.window}, expected at least 0 and 1"
-            )
         if batch_size < self.window:
             raise SchemaError(
                 f"batch_size is {batch_size} and window {self.window}: a batch has less than one "
@@ -49,8 +45,3 @@ class MemorySettings(WindowSettings):
     @property
     def has_memory(self) -> bool:
         return self.memory != "none"
-
-    def n_windows(self, batch_size: int) -> int:
-        if self.memory_size < 1:
-            raise SchemaError(f"got memory_size={self.memory_size}, expected at least 1")
-        return super().n_windows(batch_size)

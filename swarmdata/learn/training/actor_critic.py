@@ -48,7 +48,7 @@ from swarmdata.learn.networks.optimizer import Descent, StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, anchored_loss, cloning_loss, tilted_loss
-from swarmdata.learn.objectives.weighted_rows import ScoredRows, check_share
+from swarmdata.learn.objectives.weighted_rows import ScoredRows
 from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.types import Batch
 
@@ -109,16 +109,8 @@ class ExtractionConfig:
     effective_share: float = 0.3  # of `weighted`: of the rows, see `objectives.weighted_rows`
 
     def __post_init__(self) -> None:
-        names = ("inverse_temperature", "slope_limit", "density_floor")
-        for name in names:
-            if getattr(self, name) <= 0:
-                raise SchemaError(f"{name} is {getattr(self, name)}, expected a number above 0")
-        if not 0 < self.extraction_share < 1 or self.extraction_candidates < 2:
-            raise SchemaError(
-                f"extraction_share is {self.extraction_share} and extraction_candidates "
-                f"{self.extraction_candidates}, expected above 0 and below 1, and at least 2"
-            )
-        check_share(self.effective_share)
+        if self.inverse_temperature == 0:  # elsewhere, it means that actors only copy
+            raise SchemaError("inverse_temperature is 0, expected a number above 0")
 
 
 @dataclass(frozen=True)

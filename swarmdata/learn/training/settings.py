@@ -15,6 +15,7 @@ from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get
 from pydantic import ConfigDict, TypeAdapter
 
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.learn.training.setting_ranges import check_range
 from swarmdata.numerics.random import derive, uniform
 
 C = TypeVar("C")
@@ -29,7 +30,7 @@ def override(config: C, changes: Mapping[str, str]) -> C:
 
     Raises:
         UnknownNameError: there is no such setting; the nearest name is suggested.
-        SpecError: the text is not a value of its type.
+        SpecError: the text is not a value of its type, or a number outside its range.
     """
     types = setting_types(type(config))
     values: dict[str, Any] = {}
@@ -99,6 +100,7 @@ def _replace(config: C, values: Mapping[str, Any]) -> C:
         if dot:
             by_section.setdefault(section, {})[inner] = value
         else:
+            check_range(type(config), name, value)
             fields[name] = value
     for section, inner_values in by_section.items():
         fields[section] = _replace(getattr(config, section), inner_values)

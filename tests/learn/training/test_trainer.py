@@ -161,8 +161,6 @@ def test_memories_are_not_compiled(tmp_path: Path) -> None:
 def test_a_batch_smaller_than_a_segment_is_refused(tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="batch_size is 8 and window 9"):
         run("bc", tmp_path, config=config_of("bc", memory="gru", window=9))
-    with pytest.raises(SchemaError, match="memory_size=0, expected at least 1"):
-        run("bc", tmp_path, config=config_of("bc", memory="gru", memory_size=0))
 
 
 def test_a_finished_run_is_loaded_not_trained(

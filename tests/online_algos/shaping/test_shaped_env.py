@@ -114,12 +114,10 @@ def test_a_config_decides_the_terms_and_their_order() -> None:
     assert isinstance(potential, PayloadPotential)
 
 
-def test_a_ramp_has_two_ends_and_a_share_is_a_part() -> None:
+def test_a_ramp_has_two_ends() -> None:
     for ramp in ((0.5,), (0.5, 0.5), (0.7, 0.2), (0.1, 0.2, 0.3)):
         with pytest.raises(SchemaError, match="begin before end"):
             ShapingConfig(contact_ramp=ramp)
-    with pytest.raises(SchemaError, match="team_share is 1"):
-        ShapingConfig(team_share=1.5)
 
 
 WEIGHTS = TaskSpec().rules.rewards
