@@ -86,8 +86,7 @@ class MAPPOConfig:
     """Hyperparameters; steps are joint steps of one seed's worlds.
 
     Raises:
-        SpecError: the correlation is not in [0, 1), the entropy is a constant, or a memory does not
-            go with other settings.
+        SpecError: the entropy is a constant, or a memory does not go with other settings.
     """
 
     n_steps: int = 2_000_000

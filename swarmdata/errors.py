@@ -43,7 +43,9 @@ SwarmdataError
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any
 
 MOST_QUOTED = 200
 """Characters of a text from outside that a message repeats."""
@@ -128,7 +130,7 @@ class PolicyFitError(SchemaError):
 
 
 def check_type(
-    name: str, value: object, kinds: type | tuple[type, ...], expected: str, advice: str
+    name: str, value: object, kinds: type | tuple[type, ...], expected: str, advice: str = ""
 ) -> None:
     """Refuses an argument of another type than `kinds`.
 
@@ -143,7 +145,19 @@ def check_type(
         SchemaError: it has another type.
     """
     if not isinstance(value, kinds):
-        raise SchemaError(f"{name} is {value!r:.100}, expected {expected}. {advice}")
+        raise SchemaError(f"{name} is {value!r:.100}, expected {expected}. {advice}".strip())
+
+
+def list_of(name: str, given: Any, expected: str, advice: str = "") -> list[Any]:
+    """Returns an argument that is one name or path, or several, as a list.
+
+    Raises:
+        SchemaError: it holds something else; `expected` says in words what one may be.
+    """
+    found = list(given) if isinstance(given, Sequence) and not isinstance(given, str) else [given]
+    for each in found:
+        check_type(name, each, (str, Path), expected, advice)
+    return found
 
 
 class SpawnError(SwarmdataError, RuntimeError):

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
-from swarmdata.errors import UnknownNameError
+from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.specs.features import Feature
 from swarmdata.specs.rules import Payload
 from swarmdata.specs.task_spec import TaskSpec
@@ -179,6 +179,25 @@ class Policy(Protocol):
                 policy without memory accepts any step and any actions.
         """
         ...
+
+
+def check_acts(policy: object, *members: str) -> None:
+    """Refuses what is no policy where one acts.
+
+    Args:
+        policy: that is about to act.
+        members: of the protocol `Policy` that are needed.
+
+    Raises:
+        SchemaError: it lacks one of them.
+    """
+    missing = [name for name in members if not hasattr(policy, name)]
+    if missing:
+        raise SchemaError(
+            f"the policy is {policy!r:.100}, which has no {' and no '.join(missing)}, expected a "
+            "policy (swarmdata.Policy). Wrap a function in swarmdata.FunctionPolicy; "
+            "swarmdata.make_policy opens a name or a run folder."
+        )
 
 
 @runtime_checkable

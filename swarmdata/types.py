@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.errors import MissingExtraError, SchemaError
+from swarmdata.errors import MissingExtraError, SchemaError, SpecError
 
 if TYPE_CHECKING:
     import torch
@@ -337,14 +337,25 @@ class Batch:
             frame: of observations and actions, such as `dataset.frame`; None: the world's, in which
                 data are recorded.
         """
+        if isinstance(frame, str):
+            raise SchemaError(
+                f"frame is {frame!r:.100}, expected a Frame or None. Pass "
+                "swarmdata.frame_of(dataset.spec, anchor)."
+            )
         return self if frame is None else frame.turned(self)
 
     def to_torch(self, device: "torch.device | str" = "cpu") -> "Batch":
-        """Returns the batch as tensors on `device`; on the CPU they share the arrays' memory."""
+        """Returns the batch as tensors on `device`; on the CPU they share the arrays' memory.
+
+        Raises:
+            MissingExtraError: torch is not installed.
+            SpecError: torch has no such device here.
+        """
         try:
             import torch  # noqa: PLC0415  (torch is an extra)
         except ImportError as error:
             raise MissingExtraError("torch", "torch", "Batch.to_torch") from error
+        check_device(device)
         arrays = {f.name: getattr(self, f.name) for f in fields(self)}
         return Batch(
             **{
@@ -352,6 +363,19 @@ class Batch:
                 for name, array in arrays.items()
             }
         )
+
+
+def check_device(device: "torch.device | str") -> None:
+    """Refuses a device that torch does not have here, by a SpecError, before anything is loaded."""
+    import torch  # noqa: PLC0415  (torch is an extra)
+
+    try:
+        torch.empty(1, device=device)
+    except (RuntimeError, AssertionError) as error:  # whichever torch raises, by its build
+        raise SpecError(
+            f"torch has no device {str(device)!r} here, expected cpu, or cuda with a GPU and a "
+            "torch that was built for it"
+        ) from error
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -44,7 +44,7 @@ class ReplaySettings:
     """Settings of every algorithm with a replay; steps are joint steps of one seed.
 
     Raises:
-        SchemaError: a number is out of its range.
+        SchemaError: the capacity is less than a step of every copy.
     """
 
     n_steps: int = 2_000_000

@@ -19,7 +19,7 @@ class TeacherSettings:
     """A teacher, and how careful it is.
 
     Raises:
-        SpecError: a margin is negative, or the teacher's margin is given without a teacher.
+        SpecError: the teacher's margin is given without a teacher.
     """
 
     teacher: str = ""  # registered policy that the actors clone

@@ -31,8 +31,7 @@ class StartConfig(TeacherSettings):
     With `avoidance` and no teacher, they clone their own policies, kept from contacts.
 
     Raises:
-        SpecError: there is no round of cloning or no step in one, the noise is not a standard
-            deviation, or a setting of the teacher is wrong.
+        SpecError: a setting of the teacher is wrong.
     """
 
     policies: str = ""  # a run's folder or a shipped tier

@@ -102,7 +102,7 @@ class ShapingConfig:
     """What is changed in a task's rewards, in the order in which it is applied.
 
     Raises:
-        SchemaError: the ramp has not two ends in order, or the share does not lie in [0, 1].
+        SchemaError: the ramp has not two ends in order.
     """
 
     reward_weights: tuple[str, ...] = ()  # to replace the spec's, such as "proximity=2"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swarmdata.datasets.normalization import Moments
 from swarmdata.datasets.sampling import Sampler, copy_transitions
 from swarmdata.datasets.views import View
-from swarmdata.errors import MissingFileError, SchemaError
+from swarmdata.errors import MissingFileError, SchemaError, check_type
 from swarmdata.registry.published import Reference
 from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.origins import SideSpec
@@ -75,6 +75,7 @@ class Dataset(View[Sampler]):
         Raises:
             DatasetError: a subclass that names the file that cannot be used.
         """
+        check_type("path", path, (str, Path), "the folder of a dataset")
         stored = open_store(Path(path), verify)
         return cls(stored, np.arange(len(stored.table)), references, source)
 

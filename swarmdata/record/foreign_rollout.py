@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.interfaces import Policy
+from swarmdata.interfaces import Policy, check_acts
 from swarmdata.record.agent_reader import AgentReader, Presence
 from swarmdata.record.joint_environment import as_parallel
 from swarmdata.record.recording_description import describe_agents, state_source
@@ -124,9 +124,10 @@ def evaluate_parallel(
         name: the policy's name in tables.
 
     Raises:
-        SchemaError: the environment differs from the recorded one, there are no seeds, or the
-            policy's actions do not fit the environment or are in unknown units.
+        SchemaError: the environment differs from the recorded one, there are no seeds, it is no
+            policy, or its actions do not fit the environment or are in unknown units.
     """
+    check_acts(policy, "reset", "act")
     if not len(seeds):
         raise SchemaError("there are no seeds, expected at least one episode to play")
     env = as_parallel(make_env())

@@ -4,7 +4,7 @@ from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
-from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError
+from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, check_type
 from swarmdata.runtime.documents import read_document
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -55,9 +55,16 @@ def find_spec(task: str | Path | TaskSpec) -> TaskSpec:
     Raises:
         UnknownNameError: no such preset.
         SpecError: the file cannot be read, or is not a spec.
+        SchemaError: it is an object of another type, such as a dataset.
     """
     if isinstance(task, TaskSpec):
         return task
+    advice = (
+        "Pass dataset.task of a dataset of such a task; a recorded environment is played by "
+        "swarmdata.evaluate_parallel."
+    )
+    expected = "a preset's name, a spec file or the TaskSpec of a task that can be simulated"
+    check_type("the task", task, (str, Path), expected, advice)
     path = Path(task)
     if path.suffix not in SPEC_SUFFIXES:
         return preset(str(task))

@@ -123,7 +123,9 @@ def frame_of(spec: Spec, anchor: str = "auto") -> Frame | None:
 
     Raises:
         SpecError: the task's observations have no such anchor.
+        SchemaError: it is no spec.
     """
+    check_type("the spec", spec, tuple(SPEC_KINDS.values()), "a spec", "Pass dataset.spec.")
     if spec.world is None:
         if anchor not in ("auto", "world"):
             raise SpecError(

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.interfaces import Policy, VecEnv
+from swarmdata.interfaces import Policy, VecEnv, check_acts
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.types import (
     END_REASONS,
@@ -50,16 +50,18 @@ def rollout(
         An iterator over `len(seeds)` episodes, whose arrays belong to the caller.
 
     Raises:
-        SchemaError: `seeds` is not uint64 [n], the policy's actions are not float32 [E, N, A],
-            their log-probabilities are not float32 [E, N], or an episode runs beyond the horizon
-            of its spec.
+        SchemaError: `seeds` is not uint64 [n], the policy lacks a method, its actions are not
+            float32 [E, N, A], their log-probabilities are not float32 [E, N], or an episode runs
+            beyond the horizon of its spec.
     """
-    if seeds.dtype != np.uint64 or seeds.ndim != 1:
+    check_acts(policy, "reset", "act", "log_probs")
+    given = np.asarray(seeds)
+    if given.dtype != np.uint64 or given.ndim != 1:
         raise SchemaError(
-            f"seeds are {seeds.dtype} {list(seeds.shape)}, expected uint64 [n_episodes]. "
+            f"seeds are {given.dtype} {list(given.shape)}, expected uint64 [n_episodes]. "
             "Use numerics.random.evaluation_seeds or np.asarray(seeds, np.uint64)."
         )
-    return _run(env, policy, seeds, policy_index, ThreadLimit(policy_threads), progress)
+    return _run(env, policy, given, policy_index, ThreadLimit(policy_threads), progress)
 
 
 def _run(

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.interfaces import Policy
+from swarmdata.interfaces import Policy, check_acts
 from swarmdata.registry.components import make_policy
 from swarmdata.specs.rules import Side
 from swarmdata.specs.task_spec import TaskSpec
@@ -137,6 +137,7 @@ def play_sides(
     Raises:
         UnknownNameError: the task has no such side, or there is no such policy.
         SpecError: the task has one side only.
+        SchemaError: one of them is no policy.
     """
     spec.side(side)
     policies, own = {}, []
@@ -145,6 +146,7 @@ def play_sides(
         if isinstance(chosen, str):
             chosen = make_policy(chosen, spec)
         else:
+            check_acts(chosen, "reset", "act", "log_probs")
             own.append(name)
         policies[name] = chosen
     return SidePolicy(spec, policies, own)

@@ -38,7 +38,6 @@ from swarmdata.learn.evaluation.fqe import (
 )
 from swarmdata.learn.evaluation.transitions import Transitions
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.run_files import run_hash
 from swarmdata.learn.training.run_folder import (
     Loaded,
@@ -53,7 +52,7 @@ from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.store.split_rule import empty_validation
-from swarmdata.types import Double, EvalResult
+from swarmdata.types import Double, EvalResult, check_device
 
 RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Settings of the fitted Q evaluation that the record has."""

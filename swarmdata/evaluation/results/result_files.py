@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import ConfigDict, Field
 
-from swarmdata.errors import FormatVersionError, OutputError, SchemaError, SpecError
+from swarmdata.errors import FormatVersionError, OutputError, SchemaError, SpecError, check_type
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.learn.training.run_files import CONFIG
 from swarmdata.rollouts.metrics import metrics_of
@@ -106,9 +106,14 @@ def save_result(result: Result, folder: Path | str) -> Path:
         The file.
 
     Raises:
-        SchemaError: the result is incomplete, does not match its spec, or does not fit into JSON.
+        SchemaError: it is no `Result`, is incomplete, does not match its spec, or does not fit
+            into JSON.
         OutputError: another file is in its place.
     """
+    advice = (
+        "Pass swarmdata.Result(evaluation, swarmdata.Provenance(label=evaluation.policy), spec)."
+    )
+    check_type("the result", result, Result, "a Result", advice)
     folder = Path(folder)
     _check(result, "the result to save")
     evaluation, provenance = result.evaluation, with_relative_run(result.provenance, folder)

@@ -1,5 +1,6 @@
 """A dataset of one's own task and policies, in one call: `generate`."""
 
+import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -8,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 from swarmdata.building.build import build
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SpecError
+from swarmdata.errors import SpecError, list_of
 from swarmdata.evaluation.runs.named_policies import Behavior, behaviors_of, takes_noise
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
@@ -94,6 +95,8 @@ def generate(
     """
     spec = chosen_models(find_spec(task), observation, communication, backend, randomization)
     _check_id(id)
+    if not isinstance(noise, int | float) or not 0 <= noise < math.inf:
+        raise SpecError(f"noise is {noise!r:.100}, expected a standard deviation of at least 0")
     shares = _shares(policies)
     if noise and not any(takes_noise(name, spec) for name in shares):
         raise SpecError(f"none of the policies {', '.join(shares)} has action noise; leave it out")
@@ -151,7 +154,7 @@ def _shares(
     if isinstance(policies, Mapping):
         shares = {str(name): float(share) for name, share in policies.items()}
     else:
-        names = [policies] if isinstance(policies, str | Path) else list(policies)
+        names = list_of("policies", policies, "the name of a policy or a run folder")
         if twice := repeated(map(str, names)):
             raise SpecError(f"policies are named twice: {', '.join(twice)}")
         shares = dict.fromkeys(map(str, names), 1.0)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarmdata.behavior_policies.learned import own_actor
-from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
+from swarmdata.errors import CheckpointError, SpecError, UnknownNameError, check_type
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import find_run
 from swarmdata.registry.components import POLICIES, checkpoint_free_policies, policy_class
@@ -248,6 +248,7 @@ def make_policy(
         PolicyFitError: the task does not provide what a trained policy needs.
         MissingExtraError: a run needs torch.
     """
+    check_type("the name", name, (str, Path), "a registered policy, a tier or a run folder")
     run = find_run(name)
     if options and (run is not None or name not in POLICIES):
         raise SpecError(

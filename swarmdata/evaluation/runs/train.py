@@ -11,16 +11,15 @@ import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
-from swarmdata.errors import SchemaError, SpecError, UnknownNameError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError, list_of
 from swarmdata.evaluation.runs.algorithm_choice import AUTO, choose_for
 from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.evaluation.runs.named_policies import find_opponents
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.seed_jobs import Group, train_in_groups
 from swarmdata.evaluation.runs.trained_policies import read_trained
-from swarmdata.hub.catalog.catalog import load
+from swarmdata.hub.catalog.catalog import OPEN_AGAIN, load
 from swarmdata.interfaces import Policy
-from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table, run_folders
 from swarmdata.learn.training.settings import as_texts, override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
@@ -40,6 +39,7 @@ from swarmdata.specs.origins import SideSpec, check_installed
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.rules import RewardChoice
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import check_device
 
 CURVE_EPISODES = 64  # validation episodes of each point of a learning curve
 DEFAULT_SEEDS = 5  # seeds of a training on data, as many as the leaderboard asks for
@@ -288,7 +288,7 @@ def train(
         BuildError: `out` holds other groups of seeds, or training failed in another process.
     """
     arguments = {
-        "algorithm": algorithm, "dataset_id": _portable_names(dataset_id),
+        "algorithm": algorithm, "dataset_id": _portable_names("dataset_id", dataset_id),
         "weights": None if weights is None else list(weights), "changes": as_texts(changes or {}),
         "observation": portable_source(observation),
         "communication": portable_source(communication),
@@ -370,15 +370,17 @@ def train_online(
         SpecError: the task is of an older version of the world, the share is out of its range, or
             an argument or setting is not of its type.
     """
+    if not isinstance(task, str):
+        task = find_spec(task)
     arguments = {
-        "algorithm": algorithm,
-        "task": portable_source(str(task) if isinstance(task, Path) else task),
+        "algorithm": algorithm, "task": portable_source(task),
         "changes": as_texts(changes or {}),
         "observation": portable_source(observation),
         "communication": portable_source(communication),
         "randomization": None if randomization is None else ranges_of(randomization),
-        "start": _portable_names(start), "data": _portable_names(data), "side": side,
-        "opponents": _portable_names(opponents), "weights": None if weights is None else [*weights],
+        "start": _portable_names("start", start), "data": _portable_names("data", data),
+        "side": side, "opponents": _portable_names("opponents", opponents),
+        "weights": None if weights is None else [*weights],
         "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
@@ -389,13 +391,17 @@ def train_online(
     train_in_groups(training, TRAINER, Path(out), tuple(map(int, found)), part, where)
 
 
-def _portable_names(names: str | Path | Sequence[str | Path] | None) -> str | list[str] | None:
+def _portable_names(
+    argument: str, names: str | Path | Sequence[str | Path] | None
+) -> str | list[str] | None:
     """One dataset or run, or several, by names that mean the same in any process."""
     if names is None:
         return None
-    if isinstance(names, str | Path):
-        return portable_name(names)
-    return [portable_name(name) for name in names]
+    is_data = argument in ("dataset_id", "data")
+    expected = "the id or folder of a dataset" if is_data else "the name of a policy or run folder"
+    given = list_of(argument, names, expected, OPEN_AGAIN if is_data else "")
+    found = [portable_name(each) for each in given]
+    return found[0] if isinstance(names, str | Path) else found
 
 
 def open_data(

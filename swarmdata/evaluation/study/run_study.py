@@ -30,12 +30,11 @@ from swarmdata.evaluation.study.shifts.shift import (
     run_shifts,
 )
 from swarmdata.evaluation.study.shifts.sweeps import SWEEPS_FOLDER, plan_sweeps, run_sweeps
-from swarmdata.learn.networks.setup import check_device
 from swarmdata.learn.training.run_files import LOSSES, read_table
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.output_folder import check_output, filled
-from swarmdata.types import Double
+from swarmdata.types import Double, check_device
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, overload
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SpecError
+from swarmdata.errors import SpecError, list_of
 from swarmdata.hub.catalog.identity import judge, misnamed
 from swarmdata.hub.catalog.request import Request, cached, is_offline, parse_request
 from swarmdata.registry.published import Reference, references_of
@@ -24,6 +24,13 @@ if TYPE_CHECKING:  # a cached dataset is opened without them
     from swarmdata.datasets.mixture import Mixture
     from swarmdata.hub.streaming.streamed_dataset import Stream, StreamedDataset
     from swarmdata.specs.rules import RewardChoice
+
+
+OPEN_AGAIN = (
+    "Pass its id or path, and models, rewards or a side as arguments; swarmdata.filter_dataset "
+    "makes a dataset of a subset."
+)
+"""What to do about an open dataset where the name of one is expected."""
 
 
 class RebuiltDifferentlyWarning(UserWarning):
@@ -125,12 +132,13 @@ def load(
         AddressError: a malformed address.
         SpecError: a malformed model, learned messages that were not recorded, wrong weights of a
             mixture.
-        SchemaError: the dataset has no terms of rewards, which `rewards` needs; or the specs of a
-            mixture differ.
+        SchemaError: the dataset has no terms of rewards, which `rewards` needs; the specs of a
+            mixture differ; or an id is an object of another type.
         BuildError: it could not be built.
         HubError: the dataset at an address could not be fetched.
         DatasetError: the files cannot be used.
     """
+    names = list_of("dataset_id", dataset_id, "the id or folder of a dataset", OPEN_AGAIN)
     _check_number(dataset_id, weights, path)
     shared: dict[str, Any] = {
         "observation": observation, "communication": communication, "progress": progress,
@@ -152,7 +160,7 @@ def load(
         return open_one(dataset_id)
     from swarmdata.datasets.mixture import mix  # noqa: PLC0415  (most calls mix nothing)
 
-    return mix([open_one(each) for each in dataset_id], weights)
+    return mix([open_one(each) for each in names], weights)
 
 
 def _check_number(dataset_id: object, weights: Sequence[float] | None, path: object) -> None:

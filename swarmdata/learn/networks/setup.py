@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import torch
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.network_inputs import generators
 from swarmdata.perception.frames import Frame
@@ -45,17 +45,6 @@ class Sizes:
         """Reads the sizes from the last axes of an episode or a batch with continuous actions."""
         n_agents, observation = batch.observations.shape[-2:]
         return cls(n_agents, observation, batch.actions.shape[-1], batch.states.shape[-1])
-
-
-def check_device(device: str) -> None:
-    """Refuses a device that torch does not have here, by a SpecError, before anything is loaded."""
-    try:
-        torch.empty(1, device=device)
-    except (RuntimeError, AssertionError) as error:  # whichever torch raises, by its build
-        raise SpecError(
-            f"torch has no device {device!r} here, expected cpu, or cuda with a GPU and a torch "
-            "that was built for it"
-        ) from error
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -96,7 +96,7 @@ class ExtractionConfig:
     """Settings of the extraction of a policy; one setting for all datasets.
 
     Raises:
-        SchemaError: a number is outside its range.
+        SchemaError: the inverse temperature is 0.
     """
 
     extraction: Extraction = "joint"
