@@ -138,6 +138,10 @@ class Dataset(View[Sampler]):
             moments = replace(moments, reward_mean=reward_mean, reward_std=reward_std)
         return moments
 
+    @property
+    def _has_other_rewards(self) -> bool:
+        return self.reweighting is not None
+
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the folder and the selection; other processes map the files themselves."""
         if self.side_view is not None:
@@ -223,8 +227,8 @@ class Dataset(View[Sampler]):
 
         With weights, the rewards are computed from the stored `reward_terms` as worlds compute
         them, so the recorded weights give the recorded rewards bit for bit. Returns, `statistics`
-        and batches follow the new rewards. `spec`, `make_env` and the scale of the score stay those
-        of the task; the new returns have no score.
+        and batches follow the new rewards. `spec`, `make_env` and `references` stay those of the
+        task; the new returns have no score, and `normalized_score` refuses them.
 
         The new rewards have 4 N bytes per step; more than 256 MiB are in a file without a name, as
         those of `reobserve` are.

@@ -239,6 +239,11 @@ class View(TrainingData[R]):
         return None
 
     @property
+    def _has_other_rewards(self) -> bool:
+        """Whether rewards and returns are not the recorded ones."""
+        return False
+
+    @property
     def own_spec(self) -> Spec:
         """What was recorded, with its own models."""
         return self.recipe.spec
@@ -389,8 +394,15 @@ class View(TrainingData[R]):
         (D4RL, Fu et al. 2020, section 4, with another zero).
 
         Raises:
-            SchemaError: the references of this dataset's task are not known, or not in order.
+            SchemaError: the references of this dataset's task are not known, or not in order; or
+                this view has other rewards, with which the references were not measured.
         """
+        if self._has_other_rewards:
+            raise SchemaError(
+                f"{self!r} has other rewards than its task, whose references give no score to "
+                "returns of other rewards. Compute it with the dataset before `with_rewards`, from "
+                "returns on the task's own rewards, such as those of `evaluate`."
+            )
         if self.references is None:
             raise SchemaError(
                 f"{self.id} was opened without references, or has other rewards than its task, so "

@@ -4,6 +4,7 @@ import hashlib
 import json
 import pickle
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +14,13 @@ from hypothesis import strategies as st
 
 from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.mixture import mix
 from swarmdata.datasets.reweighting import Reweighting
 from swarmdata.errors import ConversionError, SchemaError, SpecError, UnknownNameError
 from swarmdata.interop.export import export_dataset
 from swarmdata.registry.components import TASKS
 from swarmdata.registry.presets import preset
+from swarmdata.registry.published import Reference
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.synthetic import make_dataset
@@ -73,6 +76,17 @@ def test_the_recorded_weights_give_the_recorded_bits(
     for name in ("rewards", "episodes/team_return"):
         np.testing.assert_array_equal(back.stored.arrays[name], dataset.stored.arrays[name])
     np.testing.assert_array_equal(back.episodes.team_return, dataset.episodes.team_return)
+
+
+def test_other_rewards_have_no_score(dataset: Dataset) -> None:
+    scored = replace(dataset, references=Reference(no_skill=-2.0, expert=8.0))
+    weighted, relabelled = scored.with_rewards(time=0.0), scored.with_rewards(effort)
+    for view in (weighted, weighted[:2], relabelled, mix([weighted, weighted])):
+        with pytest.raises(SchemaError, match=r"has other rewards than its task.*`evaluate`"):
+            view.normalized_score(3.0)
+    time = dataset.task.rules.rewards.time
+    back = scored.with_rewards(time=0.0).with_rewards(time=time)
+    assert float(back.normalized_score(3.0)) == 50.0, "the recorded ones again"
 
 
 def test_all_readers_see_the_new_rewards(dataset: Dataset) -> None:

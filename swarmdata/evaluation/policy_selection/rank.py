@@ -47,6 +47,7 @@ from swarmdata.learn.training.run_folder import (
     read_run,
 )
 from swarmdata.learn.training.training_data import framed
+from swarmdata.registry.published import normalized_score
 from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
@@ -309,9 +310,10 @@ def _scale(dataset: Dataset, results: Sequence[EvalResult | None]) -> dict[str, 
 def _scores(dataset: Dataset, results: Sequence[EvalResult | None]) -> list[float | None]:
     """The mean score of each result, or its mean return where the task has no references."""
     means = [None if each is None else float(each.metrics["return"].mean()) for each in results]
-    if dataset.references is None:
+    scale = dataset.references  # policies are evaluated on the task's rewards, whatever the data's
+    if scale is None:
         return means
-    return [None if mean is None else float(dataset.normalized_score(mean)) for mean in means]
+    return [None if mean is None else float(normalized_score(mean, scale)) for mean in means]
 
 
 def _read_results(
