@@ -1,7 +1,7 @@
 """Models, simulator and randomization of a spec: chosen, replaced, described."""
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,14 +57,15 @@ def with_models(
 
     Raises:
         UnknownNameError: no such model or simulator, with the nearest known name.
-        SpecError: a value out of its range, or a text or file that is no model.
+        SpecError: a value out of its range, a text or file that is no model, or a model of the
+            other kind.
     """
     own = spec if own is None else own
     changes: dict[str, Any] = {}
     if observation is not None:
-        changes["observation"] = observation_model(observation, own.observation)  # type: ignore[arg-type]
+        changes["observation"] = _model_of("observation", observation, own)
     if communication is not None:
-        changes["communication"] = communication_model(communication, own.communication)  # type: ignore[arg-type]
+        changes["communication"] = _model_of("communication", communication, own)
     if backend is not None:
         if backend not in BACKENDS:
             raise UnknownNameError("backend", backend, BACKENDS)
@@ -72,6 +73,36 @@ def with_models(
     if randomization is not None:
         changes["randomization"] = ranges_of(randomization)
     return spec.with_updates(**changes) if changes else spec
+
+
+_READERS: dict[str, Callable[..., Frozen]] = {
+    "observation": observation_model, "communication": communication_model,
+}  # fmt: skip
+
+
+def _model_of(kind: str, source: Source, own: TaskSpec) -> Frozen:
+    """Reads a model of a kind; a name of the other kind is refused as such."""
+    try:
+        return _READERS[kind](source, getattr(own, kind))
+    except UnknownNameError as error:
+        (other,) = _READERS.keys() - {kind}
+        if not _is_known(other, source, own):
+            raise
+        raise SpecError(
+            f"{source!r} was given as the {kind} model, but is one for {other}. Pass it as {other} "
+            f"(--{other})."
+        ) from error
+
+
+def _is_known(kind: str, source: Source, own: TaskSpec) -> bool:
+    """Whether a name means a model of a kind, even if a value in it is out of its range."""
+    try:
+        _READERS[kind](source, getattr(own, kind))
+    except UnknownNameError:
+        return False
+    except SpecError:
+        return True
+    return True
 
 
 def check_messages(spec: TaskSpec, recorded: TaskSpec) -> None:

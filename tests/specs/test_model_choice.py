@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.errors import SchemaError, UnknownNameError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import preset, preset_names
@@ -42,6 +42,24 @@ def test_names_fields_and_models_mean_the_same() -> None:
     assert with_models(spec, communication="none").observation == spec.observation
     with pytest.raises(UnknownNameError, match="Did you mean 'lidar'"):
         with_models(spec, "lidra")
+
+
+@pytest.mark.parametrize(
+    ("models", "message"),
+    [
+        ({"observation": "lossy-130"}, r"'lossy-130' .* observation model, .* \(--communication"),
+        ({"observation": "lossy-3+range-1"}, "is one for communication"),
+        ({"communication": "lidar-8"}, r"'lidar-8' .* communication model, .* \(--observation"),
+        ({"communication": "lidra"}, None),
+        ({"observation": "losy-30"}, None),
+    ],
+)
+def test_a_model_of_the_other_kind_is_refused_as_such(
+    models: dict[str, str], message: str | None
+) -> None:
+    """What is of neither kind is an unknown name."""
+    with pytest.raises(UnknownNameError if message is None else SpecError, match=message):
+        with_models(TaskSpec(), **models)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", preset_names())

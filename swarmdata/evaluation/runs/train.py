@@ -370,11 +370,9 @@ def train_online(
         SpecError: the task is of an older version of the world, the share is out of its range, or
             an argument or setting is not of its type.
     """
-    if not isinstance(task, str):
-        task = find_spec(task)
     arguments = {
-        "algorithm": algorithm, "task": portable_source(task),
-        "changes": as_texts(changes or {}),
+        "algorithm": algorithm, "changes": as_texts(changes or {}),
+        "task": portable_source(task if isinstance(task, str) else find_spec(task)),
         "observation": portable_source(observation),
         "communication": portable_source(communication),
         "randomization": None if randomization is None else ranges_of(randomization),
