@@ -3,6 +3,7 @@
 import hashlib
 import logging
 from collections.abc import Iterable
+from dataclasses import fields
 from pathlib import Path
 from typing import Literal
 
@@ -59,7 +60,7 @@ def import_dataset(
         format: name of a format, such as `d4rl`.
         id: id of the new dataset, such as `simple_spread-omar_medium-v0`; its first part names the
             environment if the data do not.
-        choices: answers to questions that the data leave open.
+        choices: answers to questions that the data leave open; exports of this library leave none.
         splits: `kept` keeps the splits of an export of this library; `new` draws new ones.
         rule: sizes of new splits.
         seed: seed of new splits.
@@ -69,7 +70,7 @@ def import_dataset(
         UnknownNameError: there is no such format.
         DatasetNotFoundError: there is nothing at `source`.
         ConversionError: the data are ambiguous, damaged, do not fit together, or refer to other
-            files.
+            files; or there are choices for an export.
         SchemaError: a number is not finite or would be rounded, or a value is not in its space.
         MissingExtraError: the format's library is not installed.
         OutputError: something else is at `out`.
@@ -81,6 +82,8 @@ def import_dataset(
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     check_plain(source)
     with _reader_of(format)(source, id.partition("-")[0], choices or Choices()) as incoming:
+        if incoming.splits is not None:
+            _refuse_answers(source, choices or Choices())
         kept = incoming.splits if splits == "kept" else None
         content = {
             "id": id,
@@ -103,6 +106,16 @@ def import_dataset(
             made.id,
         )
     return made
+
+
+def _refuse_answers(source: Path, choices: Choices) -> None:
+    """Refuses answers about an export of this library, whose note leaves no question open."""
+    given = [each.name for each in fields(choices) if getattr(choices, each.name) is not None]
+    if given:
+        raise ConversionError(
+            f"{source} was exported by this library and says itself what its rows are, got "
+            f"{', '.join(given)} as well. Leave these options out."
+        )
 
 
 def _reader_of(format: str) -> Reader:

@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import OutputError, RecipeConflictError
+from swarmdata.errors import ConversionError, OutputError, RecipeConflictError
 from swarmdata.interop.conversion.imported_data import build_episode
+from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.store.scratch import scratch_folder
@@ -40,6 +41,15 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
     assert not left.exists()
     again = import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
     assert again.digest == made.digest
+
+
+def test_answers_about_an_export_are_refused(source: Path, tmp_path: Path) -> None:
+    """It has none of the questions, and would ignore them."""
+    answers = Choices(episode_length=10, time_limit=5)
+    with pytest.raises(ConversionError, match=r"got time_limit, episode_length as well\. Leave"):
+        import_dataset(source, tmp_path / "a", format="d4rl", id="x-back-v1", choices=answers)
+    assert list(tmp_path.iterdir()) == []
+    import_dataset(source, tmp_path / "b", format="d4rl", id="x-back-v1", choices=Choices())
 
 
 def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Path) -> None:
