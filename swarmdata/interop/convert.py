@@ -16,6 +16,7 @@ from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.errors import ConversionError, DatasetNotFoundError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.foreign_file import check_plain
+from swarmdata.interop.conversion.imported_data import ImportedData
 from swarmdata.interop.conversion.user_choices import Choices, absolute_path
 from swarmdata.interop.formats import Reader, all_formats, find_format
 from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
@@ -82,9 +83,7 @@ def import_dataset(
         raise DatasetNotFoundError(f"there is nothing at {source} to convert")
     check_plain(source)
     with _reader_of(format)(source, id.partition("-")[0], choices or Choices()) as incoming:
-        if incoming.splits is not None:
-            _refuse_answers(source, choices or Choices())
-        kept = incoming.splits if splits == "kept" else None
+        kept = _kept_splits(incoming, splits, choices or Choices(), source)
         content = {
             "id": id,
             "spec": incoming.spec,
@@ -108,14 +107,17 @@ def import_dataset(
     return made
 
 
-def _refuse_answers(source: Path, choices: Choices) -> None:
-    """Refuses answers about an export of this library, whose note leaves no question open."""
+def _kept_splits(
+    incoming: ImportedData, splits: Literal["kept", "new"], choices: Choices, source: Path
+) -> Counts | None:
+    """The splits of an export of this library, which needs no choices; None to draw new ones."""
     given = [each.name for each in fields(choices) if getattr(choices, each.name) is not None]
-    if given:
+    if incoming.splits is not None and given:
         raise ConversionError(
             f"{source} was exported by this library and says itself what its rows are, got "
             f"{', '.join(given)} as well. Leave these options out."
         )
+    return incoming.splits if splits == "kept" else None
 
 
 def _reader_of(format: str) -> Reader:
