@@ -8,7 +8,7 @@ from pathlib import Path
 from swarmdata.errors import CheckpointError
 from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.plain_names import checked_file_name
-from swarmdata.specs.recipe import PolicySource
+from swarmdata.specs.recipe import PolicySource, who_acts
 from swarmdata.store.arrays.layout import CHECKPOINTS
 
 MAX_CHECKPOINT_BYTES = 1 << 24  # of a file that is read; the shipped ones have about 2**16
@@ -59,7 +59,7 @@ def own_checkpoints(policies: Iterable[PolicySource], folder: Path | None) -> di
         CheckpointError: one is absent, or is not the one that its recipe means.
     """
     found = {}
-    for source in policies:
+    for source in who_acts(policies):
         name, sha256 = source.checkpoint, source.sha256
         if name is None or sha256 is None or _shipped(name).exists():
             continue

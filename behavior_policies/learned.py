@@ -8,6 +8,7 @@ from swarmdata.behavior_policies.checkpoint_files import digest_of, read_checkpo
 from swarmdata.behavior_policies.exact_actor import forward, load_actor
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
@@ -16,7 +17,8 @@ class Learned:
     """A trained actor from a checkpoint file, with optional Gaussian action noise.
 
     Args:
-        spec: the task; with as many robots as the actor was trained for if it takes their index.
+        spec: the task, or the side that the actor plays; with as many robots as the actor was
+            trained for if it takes their index.
         checkpoint: name of a file in the package's `behavior_policies/checkpoints` or in those of
             the dataset, or the path of any other checkpoint.
         sha256: of that file, hex.
@@ -32,7 +34,7 @@ class Learned:
 
     def __init__(
         self,
-        spec: TaskSpec,
+        spec: TaskSpec | SideSpec,
         *,
         checkpoint: str | Path,
         sha256: str,
@@ -58,6 +60,6 @@ class Learned:
         return noisy_log_probs(means, actions, self._noise)
 
 
-def own_actor(path: Path, spec: TaskSpec) -> Learned:
+def own_actor(path: Path, spec: TaskSpec | SideSpec) -> Learned:
     """Returns the actor in a file that `save_actor` wrote, without a check of its digest."""
     return Learned(spec, checkpoint=path, sha256=digest_of(path))

@@ -5,11 +5,11 @@ from typing import ClassVar
 
 import numpy as np
 
-from swarmdata.errors import SpecError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import STREAMS, derive, normal
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Double, Float, Int, Seeds, Step
+from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 
 def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
@@ -62,15 +62,33 @@ class Controller(ABC):
     def __init__(self, spec: TaskSpec, noise: float = 0.0) -> None:
         self._noise, self._action_size = check_noise(noise), spec.action_size
         self._last = LastMeans[Double]()
+        self._seeds: Seeds = np.zeros(0, dtype=np.uint64)  # of the episodes that have begun, [E]
+        self._has_begun: Bool = np.zeros(0, dtype=np.bool_)
 
     @abstractmethod
     def commands(self, step: Step) -> Double:
         """Returns the commands of all robots without noise, [E, N, 2]."""
 
-    def reset(self, step: Step, copies: Int) -> None:  # noqa: B027  (there is nothing to forget)
-        """Does nothing: the policy has no memory."""
+    def reset(self, step: Step, copies: Int) -> None:
+        """Notes which episodes begin in `copies`; what those with a memory extend."""
+        if len(step.seeds) != len(self._seeds):
+            self._seeds = np.zeros_like(step.seeds)
+            self._has_begun = np.zeros(len(step.seeds), dtype=np.bool_)
+        self._seeds[copies], self._has_begun[copies] = step.seeds[copies], True
 
     def act(self, step: Step) -> Float:
+        """Returns joint actions, see `interfaces.Policy.act`.
+
+        Raises:
+            SchemaError: the policy has a memory, and `reset` was not called for an episode.
+        """
+        if self.has_memory and not (
+            self._has_begun.all() and np.array_equal(self._seeds, step.seeds)
+        ):
+            raise SchemaError(
+                "the scripted policy was not told of some episodes of this step. Call "
+                "policy.reset(step, copies) whenever the environment resets copies."
+            )
         commands = self._last.keep(step, self.commands(step))
         actions = np.zeros((*commands.shape[:2], self._action_size), dtype=np.float32)
         actions[..., :2] = add_noise(commands, step, self._noise)

@@ -40,6 +40,7 @@ class Scripted(Controller):
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`."""
+        super().reset(step, copies)
         self._navigator.reset(step, copies)
 
     def commands(self, step: Step) -> Double:

@@ -27,7 +27,6 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SpecError
-from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.network_inputs import generators as torch_generators
 from swarmdata.learn.networks.optimizer import Descent, linear
 from swarmdata.learn.networks.team_networks import Parameters
@@ -40,8 +39,9 @@ from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.continuation.offline_start import OfflineStart, actor_settings
 from swarmdata.online_algos.imitation.labelled_states import StoredStates
 from swarmdata.online_algos.imitation.teacher_cloning import collect, regress
-from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
+from swarmdata.online_algos.imitation.teachers import TeacherSettings, teacher_of
 from swarmdata.perception.frames import find_frame
+from swarmdata.rollouts.side_env import AnyEnv
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,11 @@ class DAgger:
     settings_of = staticmethod(actor_settings)
 
     def __init__(
-        self, env: VecEnv, seeds: Sequence[int], config: DAggerConfig, folder: Path | str
+        self, env: AnyEnv, seeds: Sequence[int], config: DAggerConfig, folder: Path | str
     ) -> None:
         self.config, self.seeds, self.frames = config, tuple(seeds), 0
         self.worlds = Worlds(env, seeds, find_frame(env.features, config.frame, env.spec.robots))
-        self.teacher = kept_safe(make_teacher(config, env.spec), config, self.worlds)
+        self.teacher = teacher_of(config, env)
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         moments = measure_moments(self.worlds, torch_generators(seeds, "cpu"), N_MEASURED)
         sizes = self.worlds.sizes

@@ -40,7 +40,6 @@ import torch
 from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
-from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.actor import ACTOR_STREAM
 from swarmdata.learn.networks.critics import (
     Critic,
@@ -80,6 +79,7 @@ from swarmdata.online_algos.continuation.offline_start import (
     robot_critics_of,
     settings_of_critics,
 )
+from swarmdata.rollouts.side_env import AnyEnv
 from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
 
@@ -229,7 +229,7 @@ class MADDPG(OffPolicy):
     LOSSES = (*Learner.LOSSES, "reward")
 
     def __init__(
-        self, env: VecEnv, seeds: Sequence[int], config: MADDPGConfig, folder: Path | str
+        self, env: AnyEnv, seeds: Sequence[int], config: MADDPGConfig, folder: Path | str
     ) -> None:
         super().__init__(env, seeds, config, folder)
         self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)

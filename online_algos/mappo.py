@@ -53,7 +53,6 @@ from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.errors import SpecError
-from swarmdata.interfaces import VecEnv
 from swarmdata.learn.memory.memory_settings import Memory
 from swarmdata.learn.networks.network_inputs import generators as torch_generators
 from swarmdata.learn.networks.optimizer import Descent
@@ -77,6 +76,7 @@ from swarmdata.online_algos.ppo.networks import Critic, LearnedDeviation
 from swarmdata.online_algos.ppo.rollouts import Rollout, critic_states, empty_rollout, fill_values
 from swarmdata.online_algos.shaping.shaped_env import ShapingConfig, shape_rewards
 from swarmdata.perception.frames import find_frame
+from swarmdata.rollouts.side_env import AnyEnv, seen_in, whole_of
 from swarmdata.specs.features import Feature
 from swarmdata.types import Bool, Float, copy_step
 
@@ -169,12 +169,12 @@ class MAPPO:
     LOSSES = ("policy", "value", "kl", "reward", "std")
 
     def __init__(
-        self, env: VecEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
+        self, env: AnyEnv, seeds: Sequence[int], config: MAPPOConfig, folder: Path | None = None
     ) -> None:
         self.config, self.frames, self.seeds = config, 0, tuple(seeds)
-        self.env = shape_rewards(env, config.shaping)
+        self.env = shape_rewards(whole_of(env), config.shaping)
         frame = find_frame(env.features, config.frame, env.spec.robots)
-        self.worlds = Worlds(self.env, seeds, frame)
+        self.worlds = Worlds(seen_in(self.env, env), seeds, frame)
         self.generators = [np.random.default_rng(seed) for seed in seeds]
         measuring = torch_generators(seeds, "cpu")
         moments = measure_moments(self.worlds, measuring, config.rollout_steps)
@@ -283,7 +283,7 @@ class MAPPO:
         for t in range(c.rollout_steps):
             inputs = actors.inputs(worlds.observations(worlds.current_step))
             r.actor_inputs[t] = inputs
-            r.states[t] = worlds.grouped(critic_states(worlds.current_step))
+            r.states[t] = worlds.grouped(critic_states(worlds.current_step, worlds.first_robot))
             noise = standard_normal(self.generators, r.actions.shape[2:])
             r.memories[t] = self._memory
             means, self._memory = actors.act(inputs, self._memory)

@@ -28,7 +28,6 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import CheckpointError
-from swarmdata.interfaces import VecEnv
 from swarmdata.learn.choices import bins
 from swarmdata.learn.networks.network_inputs import information
 from swarmdata.learn.networks.optimizer import Descent
@@ -50,6 +49,7 @@ from swarmdata.online_algos.continuation.offline_start import (
     frame_name,
     hidden_sizes,
 )
+from swarmdata.rollouts.side_env import AnyEnv
 from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
 
@@ -164,7 +164,7 @@ class VDN(OffPolicy):
     LOSSES = ("td_loss", "q", "target", "reward")
 
     def __init__(
-        self, env: VecEnv, seeds: Sequence[int], config: VDNConfig, folder: Path | str
+        self, env: AnyEnv, seeds: Sequence[int], config: VDNConfig, folder: Path | str
     ) -> None:
         super().__init__(env, seeds, config, folder)
         self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)

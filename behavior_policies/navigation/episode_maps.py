@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SpecError
 from swarmdata.numerics.distance_field import (
     CLEARANCE_MARGIN,
     Ground,
@@ -74,9 +74,8 @@ class EpisodeMaps:
         rows, columns = grid_shape(arena, NODE_SPACING)
         nodes = (n_copies, self._n_goals, rows * columns)
         self._is_mapped = np.zeros(n_copies, dtype=np.bool_)
-        self._seeds = np.zeros(n_copies, dtype=np.uint64)
         self._layouts = np.zeros((n_copies, self._n_obstacles, 8), dtype=np.float32)
-        self._maps = Maps(
+        self.maps = Maps(
             primitives=np.zeros((n_copies, self._n_primitives, 8), dtype=np.float32),
             clearances=np.zeros((n_copies, rows, columns), dtype=np.float32),
             half=np.array([arena.width / 2.0, arena.height / 2.0]),
@@ -88,9 +87,9 @@ class EpisodeMaps:
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`; paths of those mapped already are kept, as old ones."""
-        if len(step.seeds) != len(self._seeds):
+        if len(step.seeds) != len(self._is_mapped):
             self._allocate(len(step.seeds))
-        maps = self._maps
+        maps = self.maps
         for b in copies:
             if self._is_mapped[b] and np.array_equal(self._layouts[b], step.layouts[b]):
                 continue
@@ -99,25 +98,11 @@ class EpisodeMaps:
             maps.primitives[b] = primitives_of(step.layouts[b])
             ground = Ground(maps.clearances[b], maps.half, NODE_SPACING)
             fill_clearances(step.layouts[b], self._cap, ground)
-        maps.are_old[copies] = True
-        self._seeds[copies], self._is_mapped[copies] = step.seeds[copies], True
+        maps.are_old[copies] = self._is_mapped[copies] = True
 
     def forget_paths(self, copies: Int | int) -> None:
         """Plans the paths of `copies` anew when they are needed."""
-        self._maps.costs[copies, :, 0], self._maps.goals[copies] = UNPLANNED_COST, np.inf
-
-    def of(self, step: Step) -> Maps:
-        """Returns the maps of a step's episodes.
-
-        Raises:
-            SchemaError: `reset` was not called for one of them.
-        """
-        if not (self._is_mapped.all() and np.array_equal(self._seeds, step.seeds)):
-            raise SchemaError(
-                "the scripted policy has no map of some episodes of this step. Call "
-                "policy.reset(step, copies) whenever the environment resets copies."
-            )
-        return self._maps
+        self.maps.costs[copies, :, 0], self.maps.goals[copies] = UNPLANNED_COST, np.inf
 
 
 N_PRIMITIVES = {CIRCLE: 1, BOX: 1, CORNER: 2, POCKET: 3}

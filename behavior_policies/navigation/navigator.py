@@ -136,11 +136,8 @@ class Navigator:
             step: the current step.
             targets: of the robots, m, [E, N, 2]; None for those in the states.
             drifts: velocities of the targets, m/s, [E, N, 2]; None if they rest.
-
-        Raises:
-            SchemaError: `reset` was not called for an episode of the step.
         """
-        maps = self._maps.of(step)
+        maps = self._maps.maps
         states = robots_of(step.states, self._n_agents).astype(np.float64)
         robots = np.ascontiguousarray(states[..., [X, Y, VX, VY, TX, TY, UX, UY]])
         if targets is not None:

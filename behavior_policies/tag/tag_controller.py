@@ -76,6 +76,7 @@ class TagController(Controller):
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and forgets what their robots had in mind."""
+        super().reset(step, copies)
         self._pursuers.reset(self._as_pursuit(step), copies)
         if len(step.seeds) != len(self._are_alarmed):
             self._are_alarmed = np.zeros(len(step.seeds), dtype=np.bool_)

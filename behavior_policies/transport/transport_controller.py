@@ -222,6 +222,7 @@ class TransportController(Controller):
 
     def reset(self, step: Step, copies: Int) -> None:
         """Maps the layouts of `copies`, and forgets their faces and slots."""
+        super().reset(step, copies)
         self._maps.reset(step, copies)
         self._maps.forget_paths(copies)  # the payload's goal may be another
         if len(step.seeds) != len(self._memory):
@@ -229,7 +230,7 @@ class TransportController(Controller):
         self._memory[copies] = NO_INDEX
 
     def commands(self, step: Step) -> Double:
-        setup, maps, n = self._setup, self._maps.of(step), len(self._setup.radii)
+        setup, maps, n = self._setup, self._maps.maps, len(self._setup.radii)
         robots = robots_of(step.states, n).astype(np.float64)
         robots = np.ascontiguousarray(robots[..., [X, Y, VX, VY, TX, TY]])
         first = N_COLUMNS * n

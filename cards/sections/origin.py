@@ -95,7 +95,11 @@ def origin_section(origin: Origin, manifest: Manifest) -> str:
 
 
 def _promise(origin: Origin) -> str:
-    inexact = [source.label for source in origin.policies if source.name == "network"]
+    inexact = [
+        source.label
+        for source in origin.policies
+        if any(each.name == "network" for each in source.acting)
+    ]
     world = origin.spec.world
     if world is not None and world.backend == "mujoco":
         return (

@@ -62,7 +62,7 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
     return (
         source.label,
         source.title,
-        f"`{source.checkpoint}`" if source.checkpoint else "none",
+        ", ".join(f"`{each.checkpoint}`" for each in source.acting if each.checkpoint) or "none",
         f"{source.noise:g}",
         f"{len(table):,}",
         f"{table.lengths.sum():,}",

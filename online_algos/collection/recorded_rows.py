@@ -19,6 +19,7 @@ from swarmdata.learn.training.training_data import Data, framed
 from swarmdata.online_algos.collection.training_worlds import pack, unpack
 from swarmdata.perception.frames import Frame
 from swarmdata.specs.frozen import Frozen, describe_differences
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch
 
@@ -51,7 +52,7 @@ class RecordedSource(Frozen):
             raise SchemaError(f"got the data {got}, expected {self.id} with digest {self.digest}")
 
 
-def check_spec(data: Data, spec: TaskSpec) -> None:
+def check_spec(data: Data, spec: TaskSpec | SideSpec) -> None:
     """Raises SchemaError if data were not recorded in a task, with its rewards."""
     if data.spec.hash() != spec.hash():
         raise SchemaError(

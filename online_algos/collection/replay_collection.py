@@ -11,7 +11,6 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.network_inputs import (
     generator_states,
     generators,
@@ -33,6 +32,7 @@ from swarmdata.online_algos.collection.recorded_rows import RecordedRows, joined
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.shaping.shaped_env import reweighted
 from swarmdata.perception.frames import find_frame
+from swarmdata.rollouts.side_env import AnyEnv, seen_in, whole_of
 from swarmdata.types import Batch
 
 ACTING_STREAM, SAMPLING_STREAM, MEASURING_STREAM = 10, 11, 12
@@ -89,10 +89,11 @@ class OffPolicy(ABC):
 
     LOSSES: tuple[str, ...]  # of `learn`, and "reward"
 
-    def __init__(self, env: VecEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
+    def __init__(self, env: AnyEnv, seeds: Sequence[int], config: Any, folder: Path | str) -> None:
         self.config, self.seeds, self.frames = config, tuple(seeds), 0
         self.frame = find_frame(env.features, config.frame, env.spec.robots)
-        self.worlds = Worlds(reweighted(env, config.reward_weights), seeds, self.frame)
+        worlds = seen_in(reweighted(whole_of(env), config.reward_weights), env)
+        self.worlds = Worlds(worlds, seeds, self.frame)
         if self.worlds.n_copies != config.n_copies:
             raise SchemaError(
                 f"got {env.n_copies} copies for {len(seeds)} seeds, expected n_copies = "

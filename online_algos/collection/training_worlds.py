@@ -9,10 +9,10 @@ import torch
 from torch import Tensor
 
 from swarmdata.errors import SchemaError
-from swarmdata.interfaces import VecEnv
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.perception.frames import Frame
+from swarmdata.rollouts.side_env import AnyEnv, SideEnv
 from swarmdata.store.arrays.column_meanings import state_layout
 from swarmdata.types import Double, Float, Int, Seeds, Step
 
@@ -28,7 +28,7 @@ class Worlds:
         SchemaError: the copies cannot be divided among the seeds.
     """
 
-    def __init__(self, env: VecEnv, seeds: Sequence[int], frame: Frame | None) -> None:
+    def __init__(self, env: AnyEnv, seeds: Sequence[int], frame: Frame | None) -> None:
         if not seeds or env.n_copies % len(seeds):
             raise SchemaError(
                 f"{env.n_copies} copies for {len(seeds)} seeds, expected the same number for each"
@@ -41,10 +41,17 @@ class Worlds:
         self.current_step = self._begin(np.arange(env.n_copies))
 
     @property
+    def first_robot(self) -> int:
+        """The first of the robots that act, among those of the state."""
+        return self.env.spec.agents.agents.start if isinstance(self.env, SideEnv) else 0
+
+    @property
     def sizes(self) -> Sizes:
         """Numbers of robots and features, those that the frame adds included."""
         env, n_added = self.env, 0 if self.frame is None else self.frame.n_added
-        robots, vectors = state_layout(env.task, env.state_size)
+        # of a side, the robots of a state are not those that act
+        known = None if isinstance(env, SideEnv) else env.task
+        robots, vectors = state_layout(known, env.state_size)
         return Sizes(
             n_agents=env.spec.n_agents,
             observation=env.observation_size + n_added,

@@ -25,6 +25,7 @@ from swarmdata.perception.frames import Frame
 from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.features import Feature
 from swarmdata.specs.frozen import Frozen, describe_differences
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.plain_names import Sha256
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -138,7 +139,7 @@ def read_start(folder: Path | str) -> OfflineStart:
     return OfflineStart(source, loaded.run, loaded.algorithm, loaded.statistics, loaded.is_compact)
 
 
-def check_task(start: OfflineStart, spec: TaskSpec) -> None:
+def check_task(start: OfflineStart, spec: TaskSpec | SideSpec) -> None:
     """Raises CheckpointError if a run was trained for another task."""
     if start.run.spec_hash == spec.hash():
         return

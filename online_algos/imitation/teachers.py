@@ -5,12 +5,14 @@ import math
 from dataclasses import dataclass
 
 from swarmdata.errors import SpecError
-from swarmdata.interfaces import Policy
-from swarmdata.online_algos.collection.training_worlds import Worlds
+from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.online_algos.imitation.avoiding_team import AvoidingTeam
 from swarmdata.online_algos.imitation.teacher_cloning import Teacher
 from swarmdata.registry.components import make_policy, policy_class
+from swarmdata.rollouts.side_env import AnyEnv, SideEnv, whole_of
+from swarmdata.rollouts.side_policy import rows_of_side
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Float, Int, Step
 
 
 @dataclass(frozen=True)
@@ -57,11 +59,36 @@ def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
     return make_policy(settings.teacher, spec, remembers=False)
 
 
-def kept_safe(teacher: Teacher, settings: TeacherSettings, worlds: Worlds) -> Teacher:
+def teacher_of(settings: TeacherSettings, env: AnyEnv) -> Teacher:
+    """Builds the registered policy that is cloned, for the robots that act in `env`.
+
+    Raises as `make_teacher` and `kept_safe` do.
+    """
+    whole = whole_of(env)
+    teacher = kept_safe(make_teacher(settings, whole.spec), settings, whole)
+    return _TeacherOfSide(teacher, env) if isinstance(env, SideEnv) else teacher
+
+
+def kept_safe(teacher: Teacher, settings: TeacherSettings, env: VecEnv) -> Teacher:
     """Returns the teacher, kept from contacts if `avoidance` is set; SpecError for other robots."""
     if settings.avoidance:
-        return AvoidingTeam(teacher, worlds.env, settings.surface_margin)
+        return AvoidingTeam(teacher, env, settings.surface_margin)
     return teacher
+
+
+class _TeacherOfSide:
+    """Implements `Teacher`: what a teacher of all sides does with the robots of one."""
+
+    def __init__(self, teacher: Teacher, env: SideEnv) -> None:
+        self._teacher, self._env = teacher, env
+
+    def reset(self, step: Step, copies: Int) -> None:
+        self._teacher.reset(self._env.whole_step, copies)
+
+    def act(self, step: Step) -> Float:
+        """Returns the actions in `step`, which is the last one of the copies, [E, N, A]."""
+        actions = self._teacher.act(self._env.whole_step)
+        return rows_of_side("actions", actions, self._env.spec.agents)
 
 
 def _with_larger_robots(spec: TaskSpec, margin: float) -> TaskSpec:

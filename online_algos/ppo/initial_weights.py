@@ -17,11 +17,12 @@ from swarmdata.online_algos.actors.mean_actors import Actors
 from swarmdata.online_algos.collection.training_worlds import Worlds
 from swarmdata.online_algos.imitation.avoiding_team import ActorTeam
 from swarmdata.online_algos.imitation.teacher_cloning import CloneConfig, Teacher, clone_teacher
-from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, make_teacher
+from swarmdata.online_algos.imitation.teachers import TeacherSettings, kept_safe, teacher_of
 from swarmdata.online_algos.runs.export_policy import restored
 from swarmdata.perception.frames import Frame
 from swarmdata.registry.recipes import FAMILY_SPECS, checkpoints
 from swarmdata.registry.tiers import FAMILIES, TRAINED_TIERS
+from swarmdata.rollouts.side_env import SideEnv
 
 
 @dataclass(frozen=True)
@@ -87,12 +88,22 @@ def initial_weights(
         config = CloneConfig(
             n_rounds=start.clone_rounds, rollout_steps=start.clone_steps, noise=start.clone_noise
         )
-        teacher: Teacher = ActorTeam(started.copy(), worlds)
         if start.teacher:
-            teacher = make_teacher(start, worlds.env.spec)
-        safe = kept_safe(teacher, start, worlds)
-        clone_teacher(started, worlds, generators, safe, config)
+            teacher = teacher_of(start, worlds.env)
+        else:
+            teacher = _careful(started.copy(), start, worlds)
+        clone_teacher(started, worlds, generators, teacher, config)
     return started
+
+
+def _careful(actors: Actors, start: StartConfig, worlds: Worlds) -> Teacher:
+    """Actors that are kept from contacts; SpecError for robots of one side."""
+    if isinstance(worlds.env, SideEnv):
+        raise SpecError(
+            "start.avoidance without start.teacher is for tasks of one side, since it decides for "
+            "all robots. Set start.teacher too, or leave it out"
+        )
+    return kept_safe(ActorTeam(actors, worlds), start, worlds.env)
 
 
 def find_policy(source: str, seed: int, n_agents: int) -> Policy:

@@ -47,12 +47,16 @@ STATE_SCALE = np.float32(0.5)
 """Scales states (m, m/s) to about 1 for the critic."""
 
 
-def critic_states(step: Step) -> Float:
-    """Each robot's view of the state: itself, the others in cyclic order, the rest, [E, N, S]."""
+def critic_states(step: Step, first: int) -> Float:
+    """Each robot's view of the state: itself, the others in cyclic order, the rest, [E, N, S].
+
+    The robots begin with number `first` of those in the state.
+    """
     n = step.rewards.shape[1]
     order = (np.arange(n)[:, None] + np.arange(n)) % n
-    rows = robots_of(step.states, n)[:, order].reshape(len(step.states), n, -1)
-    rest = step.states[:, N_COLUMNS * n :]
+    before, states = np.split(step.states, [N_COLUMNS * first], axis=1)
+    rows = robots_of(states, n)[:, order].reshape(len(states), n, -1)
+    rest = np.concatenate([states[:, N_COLUMNS * n :], before], axis=1)
     return np.concatenate([rows, np.repeat(rest[:, None], n, axis=1)], axis=-1) * STATE_SCALE
 
 
@@ -78,14 +82,14 @@ def fill_values(
     `ends` are, for each step, the last steps of the episodes that ended in it; `worlds` are in the
     step after the rollout.
     """
-    r = rollout
+    r, first = rollout, worlds.first_robot
     r.values[:] = critic.values(torch.from_numpy(r.actor_inputs), torch.from_numpy(r.states))
     inputs = actors.inputs(worlds.observations(worlds.current_step))[None]
-    states = torch.from_numpy(worlds.grouped(critic_states(worlds.current_step)))[None]
+    states = torch.from_numpy(worlds.grouped(critic_states(worlds.current_step, first)))[None]
     r.next_values[:] = np.concatenate([r.values[1:], critic.values(inputs, states)])
     t, k, e = np.nonzero(r.ended)
     if len(t):
         last = Step._make(map(np.concatenate, zip(*ends, strict=True)))
         inputs = actors.inputs(pad_by_seed(worlds.local_observations(last), k, worlds.n_seeds))
-        states = torch.from_numpy(pad_by_seed(critic_states(last), k, worlds.n_seeds))
+        states = torch.from_numpy(pad_by_seed(critic_states(last, first), k, worlds.n_seeds))
         r.next_values[t, k, e] = critic.values(inputs[None], states[None])[0][k, ranks(k)]

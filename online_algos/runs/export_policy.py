@@ -16,6 +16,8 @@ from swarmdata.learn.policies.policy_file import load_policy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.components import make_env
+from swarmdata.rollouts.side_env import AnyEnv, SideEnv
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
@@ -109,12 +111,19 @@ def _for_team(weight: Double, n_features: int, n_agents: int) -> Double:
     return np.concatenate([of_features, of_numbers[np.arange(n_agents) % len(of_numbers)]])
 
 
-def action_error(trained: Policy, exact: Policy, spec: TaskSpec, n_episodes: int) -> float:
+def action_error(
+    trained: Policy, exact: Policy, spec: TaskSpec | SideSpec, n_episodes: int
+) -> float:
     """Returns the largest difference of an action of exact inference and of a trained network.
 
-    Both get the observations of validation episodes that the exact policy plays.
+    Both get the observations of validation episodes that the exact policy plays; that of a side,
+    against robots that do not move.
     """
-    env = make_env(spec, n_episodes)
+    env: AnyEnv
+    if isinstance(spec, SideSpec):
+        env = SideEnv(make_env(spec.whole, n_episodes), spec, "idle")
+    else:
+        env = make_env(spec, n_episodes)
     step = env.reset(validation_seeds(n_episodes))
     worst = 0.0
     while not step.ended.all():

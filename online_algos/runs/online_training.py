@@ -30,7 +30,10 @@ from swarmdata.online_algos.collection.recorded_rows import RecordedSource
 from swarmdata.online_algos.continuation.offline_start import OfflineStart, StartSource, read_start
 from swarmdata.registry.components import ONLINE_ALGORITHMS, make_env, resolve
 from swarmdata.rollouts.evaluate import evaluate
+from swarmdata.rollouts.side_env import AnyEnv, SideEnv
+from swarmdata.rollouts.side_policy import play_sides
 from swarmdata.runtime.native_libraries import ThreadLimit
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 
 POLICIES_PER_CHECKPOINT = 5
@@ -52,8 +55,8 @@ class OnlineRun(Description):
 
     CLOCK: ClassVar[str] = "frames"
 
-    spec: TaskSpec
-    own_spec: TaskSpec | None = None  # the task as it is, where `spec` differs; None: `spec`
+    spec: TaskSpec | SideSpec  # of the whole team, or of a side with its opponents
+    own_spec: TaskSpec | SideSpec | None = None  # as it is, where `spec` differs; None: `spec`
     n_checkpoints: Count = 40
     n_episodes: Count = 128  # validation episodes of each seed and checkpoint
     start: StartSource | None = None  # offline run that it begins with
@@ -65,11 +68,21 @@ class OnlineRun(Description):
         """Joint steps that each seed takes."""
         return int(self.config["n_steps"])
 
-    def build(self, folder: Path, data: Data | None = None, n_threads: int = 1) -> OnlineAlgorithm:
+    def build(
+        self,
+        folder: Path,
+        data: Data | None = None,
+        n_threads: int = 1,
+        opponents: Policy | str | None = None,
+    ) -> OnlineAlgorithm:
         """Makes the algorithm as it is before its first update, and before it takes over a run."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
-        config = from_json(kind.Config, self.config)
-        env = make_env(self.spec, config.n_copies * len(self.seeds), n_threads=n_threads)
+        config, spec = from_json(kind.Config, self.config), self.spec
+        task = spec.whole if isinstance(spec, SideSpec) else spec
+        whole = make_env(task, config.n_copies * len(self.seeds), n_threads=n_threads)
+        env: AnyEnv = whole
+        if isinstance(spec, SideSpec):
+            env = SideEnv(whole, spec, _known(opponents, spec))
         algorithm: Any = kind(env, self.seeds, config, folder)
         if self.recorded is not None and data is not None:
             algorithm.mix_in(data, self.recorded.share)
@@ -79,10 +92,10 @@ class OnlineRun(Description):
 def describe_run(
     algorithm: str,
     config: Any,
-    spec: TaskSpec,
+    spec: TaskSpec | SideSpec,
     seeds: Sequence[int],
     *,
-    own: TaskSpec | None = None,
+    own: TaskSpec | SideSpec | None = None,
     start: OfflineStart | None = None,
     recorded: RecordedSource | None = None,
     **options: int,
@@ -105,13 +118,29 @@ def describe_run(
 
 
 def measure(
-    policy: Policy, spec: TaskSpec, n_episodes: int, n_threads: int = 1
+    policy: Policy,
+    spec: TaskSpec | SideSpec,
+    n_episodes: int,
+    n_threads: int = 1,
+    opponents: Policy | str | None = None,
 ) -> dict[str, float]:
-    """Returns a policy's mean metrics on the validation seeds."""
+    """Returns a policy's mean metrics on the validation seeds; of a side, against opponents."""
+    side = spec if isinstance(spec, SideSpec) else None
+    if side is not None:
+        policy = play_sides(side.whole, side.side, policy, _known(opponents, side))
+    task = spec if isinstance(spec, TaskSpec) else spec.whole
     result = evaluate(
-        policy, spec, n_episodes=n_episodes, block="validation", n_threads=n_threads, progress=False
-    )
+        policy, task, n_episodes=n_episodes, block="validation", side=side, n_threads=n_threads,
+        progress=False,
+    )  # fmt: skip
     return {name: float(np.mean(result.metrics[name])) for name in MEASURED_METRICS}
+
+
+def _known(opponents: Policy | str | None, spec: SideSpec) -> Policy | str:
+    """The opponents of a side; SpecError without any."""
+    if opponents is None:
+        raise SpecError(f"{spec.task} needs opponents for the other sides, such as 'scripted'")
+    return opponents
 
 
 def train_run(
@@ -119,6 +148,7 @@ def train_run(
     folder: Path,
     *,
     data: Data | None = None,
+    opponents: Policy | str | None = None,
     n_threads: int = 1,
     progress: bool = True,
     report: Callable[[int], object] | None = None,
@@ -129,6 +159,7 @@ def train_run(
         run: what to train.
         folder: of the run; made if absent.
         data: those that the run mixes in.
+        opponents: of a run for a side, those that its spec names, as `play_sides` takes them.
         n_threads: threads that step the worlds, as `make_env` takes it.
         progress: whether to show a bar (on standard error, if that is a terminal).
         report: is told after every update how many joint steps each seed has made since the last.
@@ -147,7 +178,7 @@ def train_run(
         run.recorded.check(data)
     with ThreadLimit(), claimed(folder, run, shown=progress) as claim:
         if claim.now < run.n_steps:
-            _begin(claim, data, n_threads).finish(progress, report)
+            _begin(claim, data, n_threads, opponents).finish(progress, report)
         if (folder / REPLAY_FOLDER).exists():  # gigabytes that a finished run does not need
             shutil.rmtree(folder / REPLAY_FOLDER)
     return folder
@@ -176,10 +207,12 @@ def _check_lengths(run: OnlineRun) -> None:
         )
 
 
-def _begin(run: Run[OnlineRun], data: Data | None, n_threads: int) -> "_Training":
+def _begin(
+    run: Run[OnlineRun], data: Data | None, n_threads: int, opponents: Policy | str | None
+) -> "_Training":
     """Builds or loads a run; empties its folder if that fails before the first checkpoint."""
     try:
-        return _Training(run, data, n_threads)
+        return _Training(run, data, n_threads, opponents)
     except SwarmdataError:
         if not run.has_checkpoint:
             if (run.folder / REPLAY_FOLDER).exists():  # `claimed` made sure that it is this run's
@@ -191,10 +224,17 @@ def _begin(run: Run[OnlineRun], data: Data | None, n_threads: int) -> "_Training
 class _Training:
     """The training loop: it updates, measures, logs and saves."""
 
-    def __init__(self, run: Run[OnlineRun], data: Data | None, n_threads: int) -> None:
-        self.run, self.about, self.n_threads = run, run.description, n_threads
+    def __init__(
+        self,
+        run: Run[OnlineRun],
+        data: Data | None,
+        n_threads: int,
+        opponents: Policy | str | None,
+    ) -> None:
+        self.run, self.about = run, run.description
+        self.n_threads, self.opponents = n_threads, opponents
         folder, start = run.folder, run.description.start
-        self.algorithm = self.about.build(folder / REPLAY_FOLDER, data, n_threads)
+        self.algorithm = self.about.build(folder / REPLAY_FOLDER, data, n_threads, opponents)
         if run.has_checkpoint:
             self.algorithm.load_state_dict(run.state)
         elif start is not None:
@@ -253,7 +293,8 @@ class _Training:
         """Saves the metrics of the policies, and then the state to continue from."""
         frames, about, rows = self.algorithm.frames, self.about, []
         for k in range(len(about.seeds)):
-            row = measure(self.algorithm.policy(k), about.spec, about.n_episodes, self.n_threads)
+            policy = self.algorithm.policy(k)
+            row = measure(policy, about.spec, about.n_episodes, self.n_threads, self.opponents)
             own = {name: float(loss[k]) for name, loss in losses.items()}
             rows.append(row | {name: v for name, v in own.items() if not math.isnan(v)})
         self.run.log(self.curve, frames, rows)

@@ -15,7 +15,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.interfaces import VecEnv
 from swarmdata.online_algos.shaping.payload_potentials import PayloadPotential
 from swarmdata.registry.components import make_env
-from swarmdata.specs.rules import Rewards
+from swarmdata.specs.rules import Rewards, Side
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Seeds, Step
@@ -29,11 +29,13 @@ It returns the changed rewards, float32 [E, N]."""
 
 
 def with_team_share(
-    rewards: Float, before: Step, after: Step, progress: float, *, share: float
-) -> Float:
-    """Mixes every robot's reward with the team's: (1 - share) r_i + share mean_j r_j, [E, N]."""
-    mixed: Float = (1 - share) * rewards + share * rewards.mean(1, keepdims=True)
-    return mixed
+    rewards: Float, before: Step, after: Step, progress: float,
+    *, share: float, sides: Sequence[Side],
+) -> Float:  # fmt: skip
+    """Mixes every robot's reward with its side's: (1 - share) r_i + share mean_j r_j, [E, N]."""
+    parts = (rewards[:, side.agents.start : side.agents.stop] for side in sides)
+    mixed = [(1 - share) * part + share * part.mean(1, keepdims=True) for part in parts]
+    return np.concatenate(mixed, axis=1)
 
 
 def less_contacts(
@@ -177,7 +179,7 @@ def shape_rewards(env: VecEnv, config: ShapingConfig) -> ShapedEnv:
     if config.keep_right or config.keep_left:
         terms.append(partial(less_oncoming, right=config.keep_right, left=config.keep_left))
     if config.team_share:
-        terms.append(partial(with_team_share, share=config.team_share))
+        terms.append(partial(with_team_share, share=config.team_share, sides=env.spec.sides))
     if config.payload_path_weight or config.behind_payload_weight:
         path, behind = config.payload_path_weight, config.behind_payload_weight
         terms.append(PayloadPotential(env.spec, env.n_copies, path, behind))

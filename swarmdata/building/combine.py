@@ -14,7 +14,7 @@ from swarmdata.runtime.locking import locked
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import check_installed
 from swarmdata.specs.origins.edit_origin import Edit, Parent
-from swarmdata.specs.recipe import MOST_POLICIES, PolicySource
+from swarmdata.specs.recipe import MOST_POLICIES, PolicySource, who_acts
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import CARD, CHECKPOINTS
 from swarmdata.store.assembly import write_dataset
@@ -137,7 +137,7 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
 
 def _own_networks(edit: Edit, views: Sequence[Dataset]) -> dict[str, bytes]:
     """The networks that the views keep and the edit's policies name, by file name."""
-    named = {f"{CHECKPOINTS}/{policy.checkpoint}" for policy in edit.policies}
+    named = {f"{CHECKPOINTS}/{policy.checkpoint}" for policy in who_acts(edit.policies)}
     return {
         Path(file).name: (view.path / file).read_bytes()
         for view in views

@@ -13,7 +13,7 @@ from swarmdata.errors import BuildError, RecipeConflictError
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.locking import beside
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.recipe import Recipe, who_acts
 from swarmdata.store import remove_leftovers, write_file
 from swarmdata.store.arrays.layout import CHECKPOINTS, RECIPE
 from swarmdata.store.episode_order import MergeOrder, merge_order
@@ -102,7 +102,7 @@ class Parts:
         if not folder.is_dir():
             return
         remove_leftovers(folder)
-        for source in self.recipe.policies:
+        for source in who_acts(self.recipe.policies):
             if source.checkpoint is not None:
                 (folder / source.checkpoint).unlink(missing_ok=True)
         if not any(folder.iterdir()):

@@ -168,6 +168,10 @@ def train_online(
         typer.Option(metavar="ID", help="dataset to mix into the batches, as `train` takes it"),
     ] = None,
     offline_share: Annotated[float, typer.Option(help="part of a batch that --data gives")] = 0.5,
+    side: Annotated[str | None, typer.Option(help="side to train, in a task of several")] = None,
+    opponents: Annotated[
+        str | None, typer.Option(help="who plays the other sides: a policy, or a run of another")
+    ] = None,
     config: Config = None,
     settings: Settings = None,
     observation: Observation = None,
@@ -195,8 +199,8 @@ def train_online(
         algorithm, task, folder, seeds=range(first_seed, first_seed + seeds), changes=changes,
         observation=observation, communication=communication,
         randomization=parse_ranges(randomize), start=start, data=ids, weights=weights,
-        offline_share=offline_share, workers=workers, engine=engine, part=group,
-        n_threads=threads, n_checkpoints=checkpoints,
+        offline_share=offline_share, side=side, opponents=opponents, workers=workers,
+        engine=engine, part=group, n_threads=threads, n_checkpoints=checkpoints,
     )  # fmt: skip
     typer.echo(folder)
 

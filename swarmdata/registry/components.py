@@ -6,7 +6,7 @@ Users add their own with the functions `register_...`, or with entry points of t
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from swarmdata.errors import (
     INSTALL_HINT,
@@ -23,6 +23,9 @@ from swarmdata.runtime.own_components import ComponentTable, import_component, r
 from swarmdata.specs.budget import copies_excess
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import PROXIMITY_RANGE, Term
+
+if TYPE_CHECKING:
+    from swarmdata.specs.origins import SideSpec
 
 TASKS = ComponentTable(
     "tasks",
@@ -297,7 +300,7 @@ def make_env(
     return kind(make_task(spec), n_copies, further_tasks=further)
 
 
-def policy_class(name: str, spec: TaskSpec) -> Callable[..., Policy]:
+def policy_class(name: str, spec: "TaskSpec | SideSpec") -> Callable[..., Policy]:
     """Returns the class of the named policy in the task that `spec` describes."""
     if name == "network":
         require_extra("torch", "torch", "running a network that is not run exactly")
@@ -309,6 +312,6 @@ def policy_class(name: str, spec: TaskSpec) -> Callable[..., Policy]:
     return getattr(resolve("task", TASKS, spec.task), "controller", build)
 
 
-def make_policy(name: str, spec: TaskSpec, **options: Any) -> Policy:
-    """Builds the named policy for the task that `spec` describes."""
+def make_policy(name: str, spec: "TaskSpec | SideSpec", **options: Any) -> Policy:
+    """Builds the named policy for the task that `spec` describes; for a side of it, a network."""
     return policy_class(name, spec)(spec, **options)

@@ -9,6 +9,7 @@ from swarmdata.interfaces import Policy
 from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.registry.components import make_policy
 from swarmdata.rollouts.side_policy import SidePolicy
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Int, Seeds
@@ -34,12 +35,17 @@ def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None
         folder: the dataset's folder, which may contain checkpoints; None: only the package's.
     """
     if source.opponents:
-        first = source.model_copy(update={"opponents": ()})
-        names = [side.name for side in spec.sides]
-        seats = zip(names, (first, *source.opponents), strict=True)
+        seats = dict(zip((side.name for side in spec.sides), source.acting, strict=True))
+        own = [name for name, each in seats.items() if each.checkpoint is not None]
+        task = {name: SideSpec(whole=spec, side=name) if name in own else spec for name in seats}
         return SidePolicy(
-            spec, {name: make_source_policy(each, spec, folder) for name, each in seats}
+            spec, {name: _make(each, task[name], folder) for name, each in seats.items()}, own
         )
+    return _make(source, spec, folder)
+
+
+def _make(source: PolicySource, spec: TaskSpec | SideSpec, folder: Path | None) -> Policy:
+    """One policy of a whole task, or one that was trained for the side it plays."""
     options: dict[str, Any] = {
         "checkpoint": source.checkpoint,
         "sha256": source.sha256,

@@ -3,6 +3,8 @@
 Equal recipes give equal datasets.
 """
 
+from collections.abc import Iterable, Iterator
+from itertools import chain
 from typing import Annotated, ClassVar, NamedTuple, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -40,17 +42,27 @@ class PolicySource(Frozen):
     @model_validator(mode="after")
     def _check_opponents(self) -> Self:
         for each in self.opponents:
-            if each.checkpoint is not None or each.opponents or each.share != 1:
+            if each.opponents or each.share != 1:
                 raise ValueError(
-                    f"the opponent {each.label} has a checkpoint, a share or opponents of its own, "
-                    "expected a registered policy with noise at most"
+                    f"the opponent {each.label} has a share or opponents of its own, expected "
+                    "neither"
                 )
         return self
 
     @property
+    def acting(self) -> "tuple[PolicySource, ...]":
+        """The policies of all sides."""
+        return (self, *self.opponents)
+
+    @property
     def title(self) -> str:
         """The names of the policies that play."""
-        return " against ".join([self.name, *(each.name for each in self.opponents)])
+        return " against ".join(each.name for each in self.acting)
+
+
+def who_acts(policies: Iterable[PolicySource]) -> Iterator[PolicySource]:
+    """The policies of all sides."""
+    return chain.from_iterable(policy.acting for policy in policies)
 
 
 def _unique_labels(policies: tuple[PolicySource, ...]) -> tuple[PolicySource, ...]:

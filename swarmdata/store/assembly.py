@@ -17,7 +17,7 @@ from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, Sche
 from swarmdata.runtime.atomic import is_vacant, new_folder
 from swarmdata.runtime.own_components import package_of
 from swarmdata.specs.origins import Origin
-from swarmdata.specs.recipe import PolicySource
+from swarmdata.specs.recipe import PolicySource, who_acts
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import (
     ALL_FIELDS,
@@ -347,7 +347,7 @@ def provenance(
 
     The packages of users' tasks and policies are named as well; `world` is what is simulated.
     """
-    own = {f"policy {each.name}": package_of("policies", each.name) for each in policies}
+    own = {f"policy {each.name}": package_of("policies", each.name) for each in who_acts(policies)}
     if world is not None:
         own[f"task {world.task}"] = package_of("tasks", world.task)
     packages = ["swarmdata", "numpy", "numba", "pymunk", "zarr"]

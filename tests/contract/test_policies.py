@@ -1,10 +1,12 @@
 """Every registered policy keeps the contract, and the suite notices every broken promise."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 
+from swarmdata.errors import SchemaError
 from swarmdata.registry import components
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
@@ -60,6 +62,33 @@ def test_scripted_policies_of_all_tasks_keep_the_contract(task: str, noise: floa
     spec = preset(task).with_updates(horizon=6)
     policy = make_policy("scripted", spec, noise=noise)
     check_policy(policy, spec, make_env, n_episodes=3, n_steps=5)
+
+
+@pytest.mark.parametrize("task", sorted(components.TASKS))
+def test_scripted_policies_with_a_memory_have_to_be_told_of_every_episode(task: str) -> None:
+    """Their kernels would write where there is no memory."""
+    spec = preset(task).with_updates(horizon=6)
+    policy: Any = make_policy("scripted", spec)
+    env = make_env(spec, 3)
+    step = env.reset(np.arange(3, dtype=np.uint64))
+    if not policy.has_memory:
+        actions = policy.act(step)
+        policy.reset(step, np.arange(3))
+        np.testing.assert_array_equal(policy.act(step), actions)
+        return
+    untold = "was not told of some episodes"
+    with pytest.raises(SchemaError, match=untold):
+        policy.act(step)
+    policy.reset(step, np.array([0, 2]))
+    with pytest.raises(SchemaError, match=untold):
+        policy.act(step)
+    policy.reset(step, np.array([1]))
+    assert np.isfinite(policy.act(step)).all()
+    again = env.reset(np.array([7], dtype=np.uint64), np.array([1]))
+    with pytest.raises(SchemaError, match=untold):
+        policy.act(again)
+    with pytest.raises(SchemaError, match=untold):
+        policy.act(make_env(spec, 2).reset(np.arange(2, dtype=np.uint64)))
 
 
 @pytest.mark.parametrize(("family", "shipped", "noise"), NOISY)

@@ -92,7 +92,7 @@ def test_recipes_name_a_policy_for_each_side() -> None:
         with pytest.raises(SpecError, match=r"has opponents for the sides \w+, expected"):
             Recipe.parse(content)
     nested = {**source.model_dump(), "opponents": [source.model_dump()]}
-    with pytest.raises(SpecError, match="checkpoint, a share or opponents of its own"):
+    with pytest.raises(SpecError, match="has a share or opponents of its own, expected neither"):
         PolicySource.parse(nested)
 
 
@@ -119,7 +119,7 @@ def test_generate_takes_a_name_for_each_side(tmp_path: Path) -> None:
 
     for wrong, error, words in (
         ("scripted,idle,idle", SpecError, "names 3 policies, but tag has the sides pursuers, evad"),
-        ("scripted,expert", UnknownNameError, "unknown registered policy, as sides take them"),
+        ("scripted,expert", UnknownNameError, "unknown registered policy or run folder of a side"),
     ):
         with pytest.raises(error, match=words):
             made(wrong, 0.0)

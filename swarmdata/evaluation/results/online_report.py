@@ -16,6 +16,8 @@ from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, seed_interval
 from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+from swarmdata.specs.origins import SideSpec
+from swarmdata.specs.task_spec import TaskSpec
 
 TRAINING_REPORT = OutputKind("training report")
 
@@ -57,7 +59,14 @@ def read_training(run: Path) -> Training:
         rows = read_table(folder / CURVE)
         curves += [tuple(row for row in rows if row["seed"] == seed) for seed in each.seeds]
     speeds = tuple(tuple(read_table(folder / SPEED)) for folder in folders)
-    return Training(name_of(runs[0].spec), runs[0].algorithm, tuple(curves), speeds)
+    return Training(_name(runs[0].spec), runs[0].algorithm, tuple(curves), speeds)
+
+
+def _name(spec: TaskSpec | SideSpec) -> str:
+    """As files are named."""
+    if isinstance(spec, SideSpec):
+        return f"{name_of(spec.whole)}-{spec.side}-vs-{spec.opponents}"
+    return name_of(spec)
 
 
 def write_online_report(runs: Sequence[Path], out: Path, *, suffix: str = ".png") -> str:

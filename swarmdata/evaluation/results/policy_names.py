@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
-from swarmdata.evaluation.runs.named_policies import open_run
+from swarmdata.evaluation.runs.named_policies import find_opponents, open_run
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.interfaces import Policy
@@ -31,6 +31,7 @@ from swarmdata.runtime.outside_names import is_folder, looks_like_path
 from swarmdata.runtime.own_components import defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, SideSpec, task_of
+from swarmdata.specs.recipe import who_acts
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.recognition import is_dataset as is_dataset_folder
@@ -204,7 +205,7 @@ def _own_target(folder: Path, choose: Choose) -> Target:
     stored = open_store(folder, "none")
     origin, packages = stored.recipe, stored.manifest.provenance
     task_of(origin, "acting again")
-    unknown = [source for source in origin.policies if source.name not in POLICIES]
+    unknown = [source for source in who_acts(origin.policies) if source.name not in POLICIES]
     if unknown and origin.recipe is not None:
         name = unknown[0].name
         missing = defined_elsewhere("policy", name, packages.get(f"policy {name}", ""))
@@ -221,7 +222,7 @@ def _own_target(folder: Path, choose: Choose) -> Target:
 def _recorded_target(
     name: str, origin: Origin, choose: Choose, folder: Path | None = None
 ) -> Target:
-    is_fixed = any(source.name in CHECKPOINT_POLICIES for source in origin.policies)
+    is_fixed = any(source.name in CHECKPOINT_POLICIES for source in who_acts(origin.policies))
     spec = _evaluation_spec(name, task_of(origin, "acting again"), choose, is_fixed=is_fixed)
     policies = tuple(make_source_policy(source, spec, folder) for source in origin.policies)
     return Target(spec, policies, _numbered(name, [origin.hash()] * len(policies)))
@@ -278,26 +279,9 @@ def _on_side(
     provenances: tuple[Provenance, ...],
 ) -> Target:
     """Policies that play one side, each against the opponents."""
-    who, label = _opponents(opponents, side, spec)
+    who, label = find_opponents(opponents, side, spec)
     teams = tuple(play_sides(spec, side, each, who) for each in policies)
     return Target(spec, teams, provenances, SideSpec(whole=spec, side=side, opponents=label))
-
-
-def _opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
-    """Who plays against a side, as `play_sides` takes it, and its name in results."""
-    if (run := find_run(name)) is not None:
-        found = open_run(run)
-        other = found.side
-        if other is None or other.side == side or other.whole.rules != spec.rules:
-            raise SpecError(
-                f"{name} was not trained for another side of {spec.task} than {side}, and cannot "
-                "play against it"
-            )
-        first = found.provenances[0]
-        return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
-    if name not in (known := checkpoint_free_policies()):
-        raise UnknownNameError("registered policy or run folder", name, known)
-    return name, name
 
 
 def _refuse_sides(name: str, side: str | None, opponents: str | None) -> None:

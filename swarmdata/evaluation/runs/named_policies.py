@@ -3,7 +3,8 @@
 import hashlib
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -18,6 +19,7 @@ from swarmdata.registry.recipes import FAMILY_SPECS, sources
 from swarmdata.registry.tiers import TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import CHECKPOINTS
@@ -47,7 +49,7 @@ class Behavior(NamedTuple):
         """One line."""
         if self.error is not None:
             return f"{self.source.label}: exact; rounded weights change actions by {self.error:.2g}"
-        if self.source.name == "network":
+        if any(each.name == "network" for each in self.source.acting):
             return f"{self.source.label}: not exact; another machine may give other episodes"
         return f"{self.source.label}: exact"
 
@@ -58,8 +60,8 @@ def behaviors_of(
     """Returns the behavior policies that a name means, one for each seed of a run.
 
     Args:
-        name: as `generate` takes it; or a registered policy for each side of the task, such as
-            `tag-greedy,scripted`.
+        name: as `generate` takes it; or a registered policy or a run for each side of the task,
+            such as `tag-greedy,runs/evader`.
         share: of the joint steps, which the policies have in equal parts.
         spec: the task.
         noise: of actions; policies that take none, such as `random`, act without.
@@ -68,9 +70,12 @@ def behaviors_of(
     Raises as `generate` does.
     """
     if "," in name:
-        found: tuple[Behavior, ...] = (Behavior(_of_sides(name, spec, noise)),)
+        found = tuple(_of_sides(name, spec, noise, folder / CHECKPOINTS))
     elif (run := find_run(name)) is not None:
-        found = tuple(_copies(run, spec, noise, folder / CHECKPOINTS))
+        policies = open_run(run).fitted(
+            spec, "Record it in its environment with swarmdata.Recorder."
+        )
+        found = tuple(_copies(run, policies, spec, noise, folder / CHECKPOINTS))
     elif name in checkpoint_free_policies():
         found = (Behavior(_registered(name, name, spec, noise)),)
     else:
@@ -84,19 +89,41 @@ def behaviors_of(
     )
 
 
-def _of_sides(names: str, spec: TaskSpec, noise: float) -> PolicySource:
-    """The policy of several, separated by commas, which play the sides in turn."""
+def _of_sides(names: str, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
+    """Each policy of one side against each of the others; names are separated by commas."""
     sides, each = [side.name for side in spec.sides], names.split(",")
     if len(each) != len(sides):
         raise SpecError(
             f"{names} names {len(each)} policies, but {spec.task} has the sides "
             f"{', '.join(sides)}. Name one policy for each, in this order"
         )
-    for name in each:
+    seats = [_of_side(*pair, spec, noise, folder) for pair in zip(sides, each, strict=True)]
+    for team in product(*seats):
+        labels = [behavior.source.label for behavior in team]
+        first, *others = (
+            behavior.source.model_copy(update={"label": side})
+            for side, behavior in zip(sides, team, strict=True)
+        )
+        errors = [behavior.error for behavior in team if behavior.error is not None]
+        update = {"label": "-vs-".join(labels), "opponents": tuple(others)}
+        yield Behavior(first.model_copy(update=update), max(errors, default=None))
+
+
+def _of_side(
+    side: str, name: str, spec: TaskSpec, noise: float, folder: Path
+) -> tuple[Behavior, ...]:
+    """The policies that a name means for a side, one for each seed of a run."""
+    if (run := find_run(name)) is None:
         if name not in (known := checkpoint_free_policies()):
-            raise UnknownNameError("registered policy, as sides take them", name, known)
-    first, *others = (_registered(*pair, spec, noise) for pair in zip(sides, each, strict=True))
-    return first.model_copy(update={"label": "-vs-".join(each), "opponents": tuple(others)})
+            raise UnknownNameError("registered policy or run folder of a side", name, known)
+        return (Behavior(_registered(name, name, spec, noise)),)
+    found = open_run(run)
+    if found.side is None or (found.side.side, found.side.whole) != (side, spec):
+        raise SpecError(
+            f"{name} was not trained for the side {side} of {spec.task} as it is here, and cannot "
+            "play it"
+        )
+    return tuple(_copies(run, found.policies(), found.side, noise, folder))
 
 
 def _registered(label: str, name: str, spec: TaskSpec, noise: float) -> PolicySource:
@@ -132,15 +159,15 @@ def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]
     raise UnknownNameError("policy, tier or run folder", name, known)
 
 
-def _copies(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[Behavior]:
+def _copies(
+    run: Path, policies: Sequence[Policy], spec: TaskSpec | SideSpec, noise: float, folder: Path
+) -> Iterator[Behavior]:
     """Copies the newest policy of each seed: for exact inference if it can be, else as it is."""
-    found = open_run(run)
     from swarmdata.learn.policies.policy_file import save_policy  # noqa: PLC0415  (torch is an extra)
 
-    policies = found.fitted(spec, "Record it in its environment with swarmdata.Recorder.")
     folder.mkdir(parents=True, exist_ok=True)
     stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
-    for provenance, policy in zip(found.provenances, policies, strict=True):
+    for provenance, policy in zip(open_run(run).provenances, policies, strict=True):
         label, fresh = f"{stem}-{provenance.seed}", folder / "new.safetensors"
         error = _exact_copy(policy, spec, fresh)
         if error is None:
@@ -154,7 +181,7 @@ def _copies(run: Path, spec: TaskSpec, noise: float, folder: Path) -> Iterator[B
         yield Behavior(source, error)
 
 
-def _exact_copy(policy: Policy, spec: TaskSpec, path: Path) -> float | None:
+def _exact_copy(policy: Policy, spec: TaskSpec | SideSpec, path: Path) -> float | None:
     """Writes a policy for exact inference: the largest change of an action, None if too large."""
     from swarmdata.online_algos.runs.export_policy import (  # noqa: PLC0415  (torch is an extra)
         action_error,
@@ -170,6 +197,30 @@ def _exact_copy(policy: Policy, spec: TaskSpec, path: Path) -> float | None:
         return None
     error = action_error(policy, own_actor(path, spec), spec, N_COMPARED_EPISODES)
     return error if error <= EXACT_TOLERANCE else None
+
+
+def find_opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
+    """Who plays against a side, as `play_sides` takes it, and its name in results.
+
+    Raises:
+        SpecError: the name is of a run for no other side of the task.
+        UnknownNameError: it is neither a registered policy nor a run folder; or there is no such
+            side.
+    """
+    spec.side(side)
+    if (run := find_run(name)) is not None:
+        found = open_run(run)
+        other = found.side
+        if other is None or other.side == side or other.whole.rules != spec.rules:
+            raise SpecError(
+                f"{name} was not trained for another side of {spec.task} than {side}, and cannot "
+                "play against it"
+            )
+        first = found.provenances[0]
+        return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
+    if name not in (known := checkpoint_free_policies()):
+        raise UnknownNameError("registered policy or run folder", name, known)
+    return name, name
 
 
 def make_policy(

@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.runs.algorithm_choice import AUTO, choose_for
 from swarmdata.evaluation.runs.job_options import JobOptions
+from swarmdata.evaluation.runs.named_policies import find_opponents
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
 from swarmdata.evaluation.runs.seed_jobs import Group, train_in_groups
 from swarmdata.evaluation.runs.trained_policies import read_trained
@@ -35,7 +36,7 @@ from swarmdata.runtime.engines.jobs import Handler, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models, ranges_of
-from swarmdata.specs.origins import check_installed
+from swarmdata.specs.origins import SideSpec, check_installed
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.rules import RewardChoice
 from swarmdata.specs.task_spec import TaskSpec
@@ -121,39 +122,36 @@ class OnlineTraining(Frozen):
     n_threads: int
     n_checkpoints: int
     randomization: Randomization | None = None
+    side: str | None = None
+    opponents: str | None = None
 
     def length(self, seeds: Group, *, progress: bool) -> int:
         """Joint steps of a run of some seeds; raises as `describe` does."""
-        return self.describe(seeds, progress=progress)[0].n_steps
+        return self.describe(seeds, progress=progress).run.n_steps
 
     def run(
         self, seeds: Group, folder: Path, *, progress: bool, report: Report | None = None
     ) -> None:
         """Trains seeds together in a folder."""
-        run, data = self.describe(seeds, progress=progress)
         train_run(
-            run, folder, data=data, n_threads=self.n_threads, progress=progress, report=report
-        )
+            **self.describe(seeds, progress=progress)._asdict(), folder=folder,
+            n_threads=self.n_threads, progress=progress, report=report,
+        )  # fmt: skip
 
-    def describe(
-        self, seeds: Group, *, progress: bool
-    ) -> tuple[OnlineRun, Dataset | Mixture | None]:
-        """The run of some seeds, and the data that it mixes in; raises as `train_online` does."""
+    def describe(self, seeds: Group, *, progress: bool) -> "_Described":
+        """The run of some seeds, and what it takes; raises as `train_online` does."""
         kind = resolve("algorithm", ONLINE_ALGORITHMS, self.algorithm)
         own = find_spec(self.task) if isinstance(self.task, str) else TaskSpec.parse(self.task)
         spec = chosen_models(
             own, self.observation, self.communication, randomization=self.randomization
         )
+        who, label = self._opponents(spec)
+        acting = _of_side(spec, self.side)
         begin, settings = None, {}
         if self.start is not None:
             begin = read_start(self.start)
-            check_task(begin, spec)
+            check_task(begin, acting)
             settings = kind.settings_of(begin, features_of(make_task(spec)))
-        if len(spec.sides) > 1:
-            raise SpecError(
-                f"{spec.task} has several sides, and {self.algorithm} trains one team. Train one "
-                "side on data, with train and side"
-            )
         config = override(kind.Config(), {**settings, **self.changes})
         data, recorded = None, None
         if self.data is not None:
@@ -165,15 +163,47 @@ class OnlineTraining(Frozen):
             view = {
                 "observation": None if self.observation is None else spec.observation,
                 "communication": None if self.communication is None else spec.communication,
+                "side": self.side,
             }
             data = open_data(self.data, self.weights, {**view, "progress": progress}).split("train")
-            check_spec(data, spec)
+            check_spec(data, acting)
             recorded = RecordedSource.of(data, self.offline_share)
         run = describe_run(
-            self.algorithm, config, spec, seeds, own=own, start=begin, recorded=recorded,
+            self.algorithm, config, _of_side(spec, self.side, label), seeds,
+            own=_of_side(own, self.side, label), start=begin, recorded=recorded,
             n_checkpoints=self.n_checkpoints,
         )  # fmt: skip
-        return run, data
+        return _Described(run, data, who)
+
+    def _opponents(self, spec: TaskSpec) -> tuple[Policy | str | None, str | None]:
+        """Who plays the other sides, and its name; checks that there are sides, or none."""
+        if self.side is not None and self.opponents is not None:
+            return find_opponents(self.opponents, self.side, spec)
+        if len(spec.sides) > 1:
+            names = ", ".join(side.name for side in spec.sides)
+            raise SpecError(
+                f"{spec.task} has several sides ({names}), and {self.algorithm} trains one. Give "
+                "side (--side) and opponents (--opponents), such as scripted"
+            )
+        if self.side is not None or self.opponents is not None:
+            raise SpecError(
+                f"got side {self.side!r} and opponents {self.opponents!r}, but {spec.task} has one "
+                "side only; leave them out"
+            )
+        return None, None
+
+
+class _Described(NamedTuple):
+    """Arguments of `train_run`."""
+
+    run: OnlineRun
+    data: Dataset | Mixture | None
+    opponents: Policy | str | None
+
+
+def _of_side(spec: TaskSpec, side: str | None, opponents: str | None = None) -> TaskSpec | SideSpec:
+    """A task as it is, or one side of it."""
+    return spec if side is None else SideSpec(whole=spec, side=side, opponents=opponents)
 
 
 def seed_trainer() -> Handler:
@@ -291,6 +321,8 @@ def train_online(
     data: str | Path | Sequence[str | Path] | None = None,
     weights: Sequence[float] | None = None,
     offline_share: float = 0.5,
+    side: str | None = None,
+    opponents: Path | str | None = None,
     workers: int = 1,
     engine: str | Executor = LOCAL,
     part: tuple[int, int] | None = None,
@@ -317,6 +349,9 @@ def train_online(
             into the batches of algorithms with a replay; or several datasets.
         weights: of several datasets, as `load` takes them.
         offline_share: part of each batch that `data` give, above 0 and below 1.
+        side: that is trained, in a task of several.
+        opponents: who plays the other sides: a registered policy, such as `scripted`, or the run
+            folder of another side, of which the first seed plays.
         workers: processes of the engine `local`, each with an equal share of the seeds; 1: this
             one, in `out` itself.
         engine: where seeds are trained, as `train` takes it.
@@ -342,9 +377,8 @@ def train_online(
         "observation": portable_source(observation),
         "communication": portable_source(communication),
         "randomization": None if randomization is None else ranges_of(randomization),
-        "start": None if start is None else portable_name(start),
-        "data": None if data is None else _portable_names(data),
-        "weights": None if weights is None else list(weights),
+        "start": _portable_names(start), "data": _portable_names(data), "side": side,
+        "opponents": _portable_names(opponents), "weights": None if weights is None else [*weights],
         "offline_share": offline_share, "n_threads": n_threads, "n_checkpoints": n_checkpoints,
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
@@ -355,8 +389,10 @@ def train_online(
     train_in_groups(training, TRAINER, Path(out), tuple(map(int, found)), part, where)
 
 
-def _portable_names(names: str | Path | Sequence[str | Path]) -> str | list[str]:
-    """One dataset, or several, by names that mean the same in any process."""
+def _portable_names(names: str | Path | Sequence[str | Path] | None) -> str | list[str] | None:
+    """One dataset or run, or several, by names that mean the same in any process."""
+    if names is None:
+        return None
     if isinstance(names, str | Path):
         return portable_name(names)
     return [portable_name(name) for name in names]

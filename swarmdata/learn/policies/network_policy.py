@@ -9,6 +9,7 @@ from swarmdata.behavior_policies.exact_actor import round_to_grid
 from swarmdata.behavior_policies.noise import add_noise, check_noise
 from swarmdata.learn.policies.policy_file import parse_policy
 from swarmdata.rollouts.action_probabilities import LastMeans, noisy_log_probs
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double, Float, Int, Step
 
@@ -38,7 +39,7 @@ class NetworkPolicy:
 
     def __init__(
         self,
-        spec: TaskSpec,
+        spec: TaskSpec | SideSpec,
         *,
         checkpoint: str | Path,
         sha256: str,

@@ -10,7 +10,7 @@ from swarmdata.specs.origins.recorded_spec import RecordedSpec
 from swarmdata.specs.plain_names import Name, Text
 from swarmdata.specs.rules import Side
 from swarmdata.specs.spaces import Space
-from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.specs.task_spec import Robot, TaskSpec
 
 
 class Spec(Document, Dumps, Protocol):
@@ -94,6 +94,11 @@ class SideSpec(Frozen):
     @property
     def agent_names(self) -> tuple[str, ...]:
         return tuple(self.whole.agent_names[i] for i in self.agents.agents)
+
+    @property
+    def robots(self) -> tuple[Robot, ...]:
+        """Those of the side, in agent order."""
+        return tuple(self.whole.robots[i] for i in self.agents.agents)
 
     @property
     def observation_size(self) -> int:

@@ -29,7 +29,7 @@ from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept
 from swarmdata.evaluation.runs.generated_dataset import generate
 from swarmdata.evaluation.runs.named_policies import make_policy
 from swarmdata.evaluation.runs.provenance import file_name
-from swarmdata.evaluation.runs.train import train, train_online
+from swarmdata.evaluation.runs.train import train
 from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.training.run_folder import read_run
@@ -370,8 +370,6 @@ def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Pat
         make_policy(run, TAG)
     with pytest.raises(SchemaError, match=r"has the rows of all sides .* bc learns for one"):
         train("bc", tag_runs["data"], tag_runs["data"].parent / "x", progress=False)
-    with pytest.raises(SpecError, match="tag has several sides, and mappo trains one team"):
-        train_online("mappo", TAG, tag_runs["data"].parent / "x", seeds=[0], progress=False)
 
 
 def test_the_command_line_trains_and_evaluates_sides(
@@ -387,3 +385,19 @@ def test_the_command_line_trains_and_evaluates_sides(
         "evaluate", "random", "--task", "tag", "--side", "pursuers", "--opponents", "idle",
         "--episodes", "2",
     )  # fmt: skip
+    small = (
+        "--steps",
+        "64",
+        "--set",
+        "n_copies=4",
+        "--set",
+        "rollout_steps=8",
+        "--set",
+        "hidden=8",
+    )
+    run("train-online", "dagger", "tag", "--side", "pursuers", "--opponents", out, "--seeds", "1",
+        "--checkpoints", "1", "--set", "frame=auto", *small, "--out",
+        tmp_path / "online")  # fmt: skip
+    assert "tag: pursuers against run@" in run(
+        "evaluate", tmp_path / "online", "--opponents", out, "--episodes", "2"
+    )

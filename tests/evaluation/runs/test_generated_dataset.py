@@ -16,7 +16,8 @@ from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
 from swarmdata.evaluation.runs.generated_dataset import generate
 from swarmdata.evaluation.runs.train import train, train_online
 from swarmdata.hub.catalog.repair import examine, repair
-from swarmdata.specs.recipe import Recipe
+from swarmdata.registry.presets import preset
+from swarmdata.specs.recipe import Recipe, who_acts
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import read_manifest
 from swarmdata.store.stored_dataset import open_store
@@ -148,6 +149,44 @@ def test_online_runs_and_tiers_act_too(tmp_path: Path) -> None:
     assert {p.name for p in made.recipe.policies} == {"learned"}
     assert swarmdata.load("coop_nav-on-v0").digest == made.digest
     assert len(list((made.path / "checkpoints").iterdir())) == 1  # the package has the experts
+
+
+def test_runs_of_sides_act_against_each_other(tmp_path: Path) -> None:
+    spec = preset("tag").with_updates(horizon=20)
+    changes = {"n_copies": "4", "rollout_steps": "4", "hidden": "8", "n_steps": "32"}
+    for side, seeds in (("pursuers", [0, 1]), ("evader", [0])):
+        train_online(
+            "dagger", spec, tmp_path / side, side=side, opponents="scripted", seeds=seeds,
+            changes={**changes, "frame": "auto"}, n_checkpoints=1, progress=False,
+        )  # fmt: skip
+    first, second = tmp_path / "pursuers", tmp_path / "evader"
+    made = generate(
+        spec, {f"{first},{second}": 1, f"random,{second}": 1}, id="tag-mine-v0", n_steps=400,
+        noise=0.1, out=tmp_path / "data", progress=False,
+    )  # fmt: skip
+    recipe = Recipe.from_file(made.path / "recipe.json")
+    labels = ["pursuers-0-vs-evader-0", "pursuers-1-vs-evader-0", "random-vs-evader-0"]
+    assert [each.label for each in recipe.policies] == labels
+    assert {each.opponents[0].name for each in recipe.policies} == {"learned"}
+    kept = {path.name for path in (made.path / "checkpoints").iterdir()}
+    assert kept == {each.checkpoint for each in who_acts(recipe.policies)} - {None}
+    assert len(kept) == 3
+    assert problems_of(made.path) == ()
+    assert sorted(kept)[0] in (made.path / "card.md").read_text()
+    again = build(recipe, tmp_path / "again", checkpoints=made.path, progress=False)
+    assert read_manifest(again).digest == made.digest
+    edit = swarmdata.filter_dataset(made, tmp_path / "edit", id="tag-some-v0", policy=labels[2])
+    (one,) = (edit.path / "checkpoints").iterdir()
+    assert one.name.startswith("evader-0-")
+    for names, words in (
+        (f"{second},scripted", "not trained for the side pursuers of tag"),
+        (f"{first},expert", "unknown registered policy or run folder of a side 'expert'"),
+        (str(first), "was trained for the side pursuers of tag, and does not act alone"),
+    ):
+        with pytest.raises(swarmdata.SwarmdataError, match=words):
+            generate(spec, names, id="tag-x-v0", out=tmp_path / "x", progress=False)
+    with pytest.raises(SpecError, match="not trained for the side pursuers of tag as it is here"):
+        generate("tag", f"{first},idle", id="tag-x-v0", out=tmp_path / "x", progress=False)
 
 
 @pytest.mark.parametrize(

@@ -14,6 +14,7 @@ from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.online_algos.ppo.initial_weights import StartConfig
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
+from swarmdata.rollouts.side_env import whole_of
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
 from swarmdata.types import EVENTS, Double, Float
 
@@ -74,7 +75,7 @@ def test_two_robots_that_meet_both_turn_aside() -> None:
 def test_each_seed_is_its_own_teacher() -> None:
     run = made()
     step = run.worlds.current_step
-    teacher = AvoidingTeam(ActorTeam(run.actors.copy(), run.worlds), run.worlds.env, 0.02)
+    teacher = AvoidingTeam(ActorTeam(run.actors.copy(), run.worlds), whole_of(run.worlds.env), 0.02)
     teacher.reset(step, np.arange(run.worlds.env.n_copies))
     actions = teacher.act(step)
     own = np.stack([run.policy(k).act(step) for k in (0, 1)])  # [K, K E, N, A]
@@ -120,4 +121,4 @@ def test_other_robots_are_refused(robot: Robot) -> None:
         SPEC.model_copy(update={"team": (Role(robot=robot),)}), replace(SMALL, frame="world")
     )
     with pytest.raises(SpecError, match="holonomic velocity commands"):
-        AvoidingTeam(ActorTeam(run.actors, run.worlds), run.worlds.env, 0.02)
+        AvoidingTeam(ActorTeam(run.actors, run.worlds), whole_of(run.worlds.env), 0.02)

@@ -11,7 +11,7 @@ from swarmdata.specs.task_spec import TaskSpec
 
 def test_each_robot_sees_its_own_state_first() -> None:
     step = make_env(TaskSpec(), 2).reset(np.arange(2, dtype=np.uint64))
-    views = critic_states(step).reshape(2, 4, 4, 8)
+    views = critic_states(step, 0).reshape(2, 4, 4, 8)
     rows = step.states.reshape(2, 4, 8) * STATE_SCALE
     for robot in range(4):
         np.testing.assert_array_equal(views[:, robot], np.roll(rows, -robot, axis=1))

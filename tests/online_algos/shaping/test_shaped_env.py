@@ -20,6 +20,7 @@ from swarmdata.online_algos.shaping.shaped_env import (
 )
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
+from swarmdata.specs.rules import Side
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Float, Step
 
@@ -107,7 +108,9 @@ def test_a_config_decides_the_terms_and_their_order() -> None:
     assert isinstance(passing, partial)
     assert passing.func is less_oncoming
     assert isinstance(share, partial)
-    assert (share.func, share.keywords) == (with_team_share, {"share": 0.3})
+    assert (share.func, share.keywords) == (
+        with_team_share, {"share": 0.3, "sides": shaped.spec.sides},
+    )  # fmt: skip
     assert isinstance(potential, PayloadPotential)
 
 
@@ -193,7 +196,12 @@ def test_robots_that_stand_have_passed_or_are_far_away_do_not_meet() -> None:
 def test_shares_keep_the_teams_mean(share: float) -> None:
     step = make_env(TaskSpec(), 2).reset(np.arange(2, dtype=np.uint64))
     rewards = np.arange(8, dtype=np.float32).reshape(2, 4)
-    mixed = with_team_share(rewards, step, step, 1.0, share=share)
+    mixed = with_team_share(rewards, step, step, 1.0, share=share, sides=TaskSpec().sides)
     assert mixed.dtype == np.float32
     np.testing.assert_allclose(mixed.mean(1), rewards.mean(1), rtol=1e-5)
     np.testing.assert_allclose(np.ptp(mixed, axis=1), (1 - share) * 3, atol=1e-5)
+    mixed = with_team_share(
+        rewards, step, step, 1.0, share=share, sides=[Side("a", range(3)), Side("b", range(3, 4))]
+    )
+    np.testing.assert_allclose(mixed[:, :3].mean(1), rewards[:, :3].mean(1), rtol=1e-5)
+    np.testing.assert_allclose(mixed[:, 3], rewards[:, 3], rtol=1e-5)
