@@ -57,5 +57,5 @@ def verify_command(
         raise typer.Exit(1)
     typer.echo(
         f"verified: return {verdict.reserved:.3f} on the reserved episodes, {verdict.equal:.1%} of "
-        f"which ended as it says, and {verdict.fresh:.3f} on fresh ones"
+        f"which ended as it says in all metrics, and {verdict.fresh:.3f} on fresh ones"
     )
