@@ -26,7 +26,7 @@ from swarmdata.drawing.style import FAMILY_OF, family_name
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import ResultSet, group_results, read_results
-from swarmdata.evaluation.results.result_tables import estimate, quantities_of
+from swarmdata.evaluation.results.result_tables import estimate_with_zeros, quantities_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
 from swarmdata.evaluation.study.pages.csv_tables import weights_text
 from swarmdata.evaluation.study.plan import Study
@@ -231,7 +231,10 @@ def _of_results(results: ResultSet, name: str) -> ResultSource:
             data[case.name] = case.data_score
         for label, runs in case.runs.items():
             origin = runs[0].provenance
-            found = {each.column.key: estimate(each, case, label) for each in quantities_of(case)}
+            found = {
+                each.column.key: estimate_with_zeros(each, case, label)
+                for each in quantities_of(case)
+            }
             names = tuple(sorted({run.run_name for run in runs if run.run_name is not None}))
             updates = "" if origin.updates is None else str(origin.updates)
             family = family_name(origin.algorithm or "policy without training")

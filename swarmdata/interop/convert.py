@@ -75,13 +75,8 @@ def import_dataset(
         OutputError: something else is at `out`.
         BuildError: another dataset is at `out`, or no episode falls into the train split.
     """
-    if splits not in (known := ("kept", "new")):
-        raise UnknownNameError("choice of splits", splits, known)
     source, out = map(absolute_path, (source, out))
-    check_marked(out, MANIFEST, "dataset")
-    if not source.exists():
-        raise DatasetNotFoundError(f"there is nothing at {source} to convert")
-    check_plain(source)
+    _check(source, out, splits)
     with _reader_of(format)(source, id.partition("-")[0], choices or Choices()) as incoming:
         kept = incoming.splits if splits == "kept" else None
         content = {
@@ -105,6 +100,16 @@ def import_dataset(
             made.id,
         )
     return made
+
+
+def _check(source: Path, out: Path, splits: str) -> None:
+    """Raises errors of `import_dataset` before anything is read."""
+    if splits not in (known := ("kept", "new")):
+        raise UnknownNameError("choice of splits", splits, known)
+    check_marked(out, MANIFEST, "dataset")
+    if not source.exists():
+        raise DatasetNotFoundError(f"there is nothing at {source} to convert")
+    check_plain(source)
 
 
 def _reader_of(format: str) -> Reader:
