@@ -21,6 +21,7 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "coop_nav-swap-strict": {"success": 0.95},
         "coop_nav-mixed": {"success": 0.85, "clean_success": 0.75},
         "warehouse-n8": {"success": 0.9, "clean_success": 0.4},
+        "coop_nav-n16": {"success": 0.9, "clean_success": 0.35},
         "robotarium": {"success": 0.95, "clean_success": 0.75},
         "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-ranks": {"success": 0.95, "clean_success": 0.85},

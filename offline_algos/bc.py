@@ -31,7 +31,9 @@ from swarmdata.learn.memory.recurrent_actor import RecurrentActor, make_actor
 from swarmdata.learn.networks.actor import PolicyNetwork, StackedActor
 from swarmdata.learn.networks.compilation import compilable
 from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.presence import agent_mean
 from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.trained import policy_of
 from swarmdata.learn.training.actor_critic import OfflineLearner
 from swarmdata.learn.training.settings import LogUniform, Space
@@ -95,9 +97,9 @@ class BC(OfflineLearner):
         steps, pi = self.actor.along(batch)  # [K, B, N, A], or of choices log pi [K, B, N, D, C]
         bc_loss: Tensor  # [K]
         if isinstance(self.actor, ChoiceActor):
-            bc_loss = self.actor.surprise(pi, steps.actions).mean((1, 2))
+            bc_loss = agent_mean(self.actor.surprise(pi, steps.actions), steps.alive)
         else:
-            bc_loss = (pi - steps.actions).square().mean((1, 2, 3))
+            bc_loss = cloning_loss(pi, steps.actions, steps.alive)
         self.actor.network.backward(bc_loss.sum())
         return {"bc_loss": bc_loss.detach()}
 

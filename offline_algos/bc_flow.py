@@ -67,10 +67,10 @@ class BCFlow(OfflineLearner):
         view, scale = self.copy.actor.see(batch), self.scale
         batch = view.batch
         x = information(*self.normalizer(batch.states, batch.observations))
-        flow_loss = self.copy.fit(x, batch.actions, self.generators, scale)
+        flow_loss = self.copy.fit(x, batch, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
         targets = self.copy.targets(x, z, batch.actions, self.generators)
-        distillation_loss = cloning_loss(self.copy.actor(view.features, z), targets)
+        distillation_loss = cloning_loss(self.copy.actor(view.features, z), targets, batch.alive)
         self.copy.step(distillation_loss, scale)
         self.n_updates += 1
         losses = {"flow_loss": flow_loss, "distillation_loss": distillation_loss}

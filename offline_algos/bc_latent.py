@@ -27,6 +27,7 @@ from swarmdata.learn.networks.network_inputs import Standardization, with_agent_
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
+from swarmdata.learn.objectives.losses import cloning_loss
 from swarmdata.learn.policies.drawn_policy import LatentPolicy
 from swarmdata.learn.training.actor_critic import OfflineLearner
 from swarmdata.learn.training.settings import LogUniform, Space
@@ -103,7 +104,7 @@ class BCLatent(OfflineLearner):
             raise SchemaError("bc_latent got a batch without `episodes`, expected a dataset's")
         rows = batch.episodes[..., None].expand(-1, -1, config.latent_size)
         w = self.latents().gather(1, rows)  # [K, B, D]
-        bc_loss = (self._act(batch.observations, w) - batch.actions).square().mean((1, 2, 3))
+        bc_loss = cloning_loss(self._act(batch.observations, w), batch.actions, batch.alive)
         size = w.square().mean((1, 2))
         self.descent.step(bc_loss + config.latent_weight * size, self.scale)
         self.n_updates += 1

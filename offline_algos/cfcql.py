@@ -128,7 +128,7 @@ class CFCQL(LossActorCritic):
 
     def next_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
         """Returns a robot's next action in its own value, and the others' in it, [K, B, N, A]."""
-        pi_next = self.smoothed_actions(batch.next_observations)
+        pi_next = self.smoothed_actions(batch)
         return pi_next, pi_next
 
     def gap(self, batch: Batch, x: RobotView, q: Tensor) -> Tensor:

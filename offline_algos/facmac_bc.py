@@ -114,7 +114,7 @@ class FACMACBC(LossActorCritic):
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
-        a_next = self.smoothed_actions(batch.next_observations)
+        a_next = self.smoothed_actions(batch)
         x_next = self.normalizer(batch.next_states, batch.next_observations)
         q_next = self.critics.target_q(*x_next, a_next).amin(1)  # [K, B], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)

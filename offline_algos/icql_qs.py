@@ -53,7 +53,7 @@ class ICQLQS(CFCQL):
                 "a batch for icql_qs has no next_actions, expected those of the data; take batches "
                 "from the sampler of a dataset"
             )
-        pi_next = self.smoothed_actions(batch.next_observations)
+        pi_next = self.smoothed_actions(batch)
         # nobody acted after a cut: there everybody's action comes from the policy
         is_cut = batch.truncations[..., None, None]
         return pi_next, torch.where(is_cut, pi_next, batch.next_actions)

@@ -138,7 +138,7 @@ class IQL(OfflineLearner):
         self.critics.step(critic_loss, scale)
         unit = RANGE / self.rewards.return_range
         preferences, reported = self.prefer(steps, x, actions, unit * advantages.detach())
-        self.rows.add(batch, preferences)
+        self.rows.add(batch, preferences, steps.alive)
         actor_loss, beta = self.actor_loss()
         self.descent.step_of("actor", actor_loss, scale)
         self.critics.follow(config.tau)

@@ -70,6 +70,7 @@ from swarmdata.learn.networks.network_inputs import (
     information,
     normal_like,
 )
+from swarmdata.learn.networks.presence import acting
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -227,11 +228,11 @@ class MACFlow(OfflineLearner):
             critic_loss, reported = self.critic_loss(view, s, o)
             self.critics.step(critic_loss, scale)
             self.critics.follow(self.config.tau)
-            reported["flow_loss"] = self.copy.fit(x, batch.actions, self.generators, scale)
+            reported["flow_loss"] = self.copy.fit(x, batch, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
-        pi = self.copy.actor(view.features, z)  # [K, B, N, A]
+        pi = acting(self.copy.actor(view.features, z), batch.alive)  # [K, B, N, A]
         targets = self.copy.targets(x, z, batch.actions, self.generators)
-        total = reported["distillation_loss"] = cloning_loss(pi, targets)
+        total = reported["distillation_loss"] = cloning_loss(pi, targets, batch.alive)
         if self.n_updates >= first:
             if first == 0 or not self.climb.is_measured:
                 self.measure_climb(s, o, batch.actions)
@@ -259,7 +260,7 @@ class MACFlow(OfflineLearner):
         """Returns y of every robot, [K, B N], or of the team, [K, B]; draws the noise z'."""
         discount, batch = self.config.discount, view.batch
         z = normal_like(self.generators, batch.actions)
-        a_next = self.copy.actor(self.copy.actor.see_next(view), z)
+        a_next = acting(self.copy.actor(self.copy.actor.see_next(view), z), batch.next_alive)
         s_next, o_next = self.normalizer(batch.next_states, batch.next_observations)
         r, ends, critics = self.rewards(batch.rewards), batch.terminations, self.critics
         if self.config.reward == "own":

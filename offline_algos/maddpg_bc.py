@@ -62,6 +62,7 @@ from swarmdata.learn.networks.critics import (
     others_of,
 )
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards, normal_like
+from swarmdata.learn.networks.presence import acting
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss, td_error, td_target, value_size
 from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
@@ -140,6 +141,7 @@ class MADDPGBC(TwoStageActorCritic):
         """
         o_next, config = batch.next_observations, self.config
         a_next = self.actor.smoothed(noise, o_next, config.smoothing, config.smoothing_clip)
+        a_next = acting(a_next, batch.next_alive)
         x_next = self.critics.view(batch.next_states, o_next)
         q_next = self.critics.target_q(x_next, a_next).amin(1)  # [K, B, N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
@@ -168,8 +170,8 @@ class MADDPGBC(TwoStageActorCritic):
 
         Critics see x of the batch, [K, B, ...]; `rl_weight` is alpha, 0 clones the data.
         """
-        pi = self.actor(batch.observations)  # [K, B, N, A]
-        bc_loss = actor_loss = cloning_loss(pi, batch.actions)  # [K]
+        pi = acting(self.actor(batch.observations), batch.alive)  # [K, B, N, A]
+        bc_loss = actor_loss = cloning_loss(pi, batch.actions, batch.alive)  # [K]
         losses = {"bc_loss": bc_loss}
         if rl_weight != 0:
             others = others_of(self.config.joint_gradient, pi, batch.actions)

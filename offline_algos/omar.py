@@ -126,7 +126,7 @@ class OMAR(LossActorCritic):
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y_i, [K, B N], in units of scaled rewards; draws the smoothing noise."""
-        a_next = by_agent(self.smoothed_actions(batch.next_observations))
+        a_next = by_agent(self.smoothed_actions(batch))
         x_next = self.inputs_of(batch.next_observations)
         q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)

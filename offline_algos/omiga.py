@@ -116,7 +116,7 @@ class OMIGA(OfflineLearner):
         value_loss, z = self.value_loss(s, o, batch.actions)  # [K], [K, B, N]
         q = self.critics.q(s, o, batch.actions)[:, 0]  # [K, B]
         critic_loss = (q - y).square().mean(1)  # [K]
-        self.rows.add(batch, z.detach())
+        self.rows.add(batch, z.detach(), batch.alive)
         actions, pi, beta = self.rows.draw(self.actor.along, 1.0)
         actor_loss = cloning_loss(pi, actions)
         self.critics.step(critic_loss, scale)

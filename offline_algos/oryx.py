@@ -50,6 +50,7 @@ from swarmdata.learn.networks.critics import RobotViews
 from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import StackedMLP, mlp
+from swarmdata.learn.networks.presence import agent_mean
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import batch_weights, standard_advantages
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
@@ -126,7 +127,8 @@ class Oryx(OfflineLearner):
         self.descent.step_of("value", value_loss, scale)
         weights = batch_weights(config.inverse_temperature * standard_advantages(errors))
         mixture = Mixture.of(outputs, config.n_components)
-        actor_loss = (weights * mixture.surprise(steps.actions, config.deviation)).mean((1, 2))
+        surprise = mixture.surprise(steps.actions, config.deviation)
+        actor_loss = agent_mean(weights * surprise, steps.alive)
         self.descent.step_of("actor", actor_loss, scale)
         self.descent.follow(config.tau)
         self.n_updates += 1

@@ -113,11 +113,12 @@ class VDN(OfflineLearner):
         utilities, log_probs = networks.utilities(seen.features), networks.log_probs(seen.features)
         weights = networks.choices.weights(seen.batch.actions)
         x = networks.information(seen.batch.states, seen.features)
-        q = self.value(utilities, weights, x)  # [K, J, B]
-        total, reported = self.loss(q, y, utilities, weights, log_probs)
+        alive = seen.batch.alive
+        q = self.value(utilities, weights, x, alive)  # [K, J, B]
+        total, reported = self.loss(q, y, utilities, weights, log_probs, alive)
         if self.n_updates % GREEDY_EVERY == 0:
             with torch.no_grad():
-                values = self.value(utilities, networks.act(utilities, log_probs), x)
+                values = self.value(utilities, networks.act(utilities, log_probs), x, alive)
             reported["greedy_q"] = values.mean((1, 2))
         networks.descent.step(total, self.scale)
         networks.descent.follow(self.config.tau)
@@ -125,29 +126,33 @@ class VDN(OfflineLearner):
         return {name: loss.detach() for name, loss in reported.items()}
 
     def loss(
-        self, q: Tensor, y: Tensor, utilities: Tensor, weights: Tensor, log_probs: Tensor | None
-    ) -> Loss:
+        self, q: Tensor, y: Tensor, utilities: Tensor, weights: Tensor, log_probs: Tensor | None,
+        alive: Tensor | None,
+    ) -> Loss:  # fmt: skip
         """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K], of targets y [K, B]."""
         config = self.config
         td_loss = huber_error(q, y)  # [K]
         reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
         if log_probs is not None:
-            loss = behavior_loss(log_probs, weights, config.behavior_head)  # [K]
+            loss = behavior_loss(log_probs, weights, config.behavior_head, alive)  # [K]
             return Loss(td_loss + loss, reported | {"behavior_loss": loss})
         if config.regulariser == "cql":
-            gap = conservative_gap(utilities, weights, self.networks.choices.exists)  # [K]
+            exists = self.networks.choices.exists
+            gap = conservative_gap(utilities, weights, exists, alive)  # [K]
             return Loss(td_loss + config.cql_weight * gap, reported | {"conservative_gap": gap})
         return Loss(td_loss, reported)
 
     def value(
-        self, utilities: Tensor, weights: Tensor, x: Tensor, mixer: StackedMLP | None = None
-    ) -> Tensor:
-        """Returns the team's Q_j, [K, J, B].
+        self, utilities: Tensor, weights: Tensor, x: Tensor, alive: Tensor | None,
+        mixer: StackedMLP | None = None,
+    ) -> Tensor:  # fmt: skip
+        """Returns the team's Q_j, [K, J, B]; robots that have left are worth 0.
 
         Utilities are [K, J, B, N, D, C], weights of the choices [K, B, N, D, C], x [K, B, S + N O];
-        `mixer` is a slow copy of the mixer's networks.
+        `alive` is as in `presence`, `mixer` a slow copy of the mixer's networks.
         """
-        return self.mix(robot_values(utilities, weights), x, mixer)
+        values = robot_values(utilities, weights)  # [K, J, B, N]
+        return self.mix(values if alive is None else values * alive[:, None], x, mixer)
 
     def mix(self, values: Tensor, x: Tensor, mixer: StackedMLP | None = None) -> Tensor:
         """Returns the mean of robots' values, [K, J, B] of [K, J, B, N], equation 1."""
@@ -161,8 +166,8 @@ class VDN(OfflineLearner):
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
         utilities = networks.utilities(seen.slow_next_features, slow["team"])
         x_next = networks.information(batch.next_states, features)
-        q_next = self.value(utilities, a_next, x_next, slow.get("mixer")).mean(1)  # [K, B]
-        q_next = q_next.clamp(max=networks.rewards.max_value)
+        q_next = self.value(utilities, a_next, x_next, batch.next_alive, slow.get("mixer"))
+        q_next = q_next.mean(1).clamp(max=networks.rewards.max_value)  # [K, B]
         r = team_reward(batch.rewards) * networks.rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 

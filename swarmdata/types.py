@@ -298,9 +298,10 @@ class Batch:
     `costs` are those of `numerics.event_costs`, and zero on padding. They are None in online replay
     and in recordings without events.
 
-    `alive` says which agents act, and `agent_terminations` which ones leave with this step because
-    their task ended. Rows of agents that do not act have actions and rewards of 0. Both are False
-    on padding, and None where agents cannot leave.
+    `alive` says which agents act, `next_alive` which ones act in the next step, and
+    `agent_terminations` which ones leave with this step because their task ended. Rows of agents
+    that do not act have actions and rewards of 0. All are False on padding, and None where agents
+    cannot leave.
     """
 
     observations: Any  # [B, N, O] or [B, L, N, O]; uint8 of recorded images, as states may be
@@ -318,6 +319,7 @@ class Batch:
     costs: Any = None  # [B, N, C] or [B, L, N, C]
     alive: Any = None  # as rewards
     agent_terminations: Any = None  # as rewards
+    next_alive: Any = None  # as rewards
 
     def __len__(self) -> int:
         """Batch size, B."""

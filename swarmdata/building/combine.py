@@ -73,7 +73,11 @@ def _difference(one: Dataset, other: Dataset) -> tuple[str, Any, Any]:
 def _check_episodes(views: Sequence[Dataset]) -> None:
     if not all(map(len, views)):
         empty = [view.id for view in views if not len(view)]
-        raise BuildError(f"no episode of {', '.join(empty)} meets the conditions")
+        returns = np.concatenate([view.stored.table.team_return for view in views if not len(view)])
+        raise BuildError(
+            f"no episode of {', '.join(empty)} meets the conditions; their team returns are "
+            f"{returns.min():.6g} to {returns.max():.6g}. Widen the conditions."
+        )
     seeds = np.concatenate([view.episodes.seeds for view in views])
     order = np.argsort(seeds, kind="stable")
     same = np.flatnonzero(seeds[order][1:] == seeds[order][:-1])

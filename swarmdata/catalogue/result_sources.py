@@ -25,8 +25,8 @@ from swarmdata.catalogue.drawings.charts import Line
 from swarmdata.drawing.style import FAMILY_OF, family_name
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.results.result_set import group_results, read_results
-from swarmdata.evaluation.results.result_tables import estimate, quantities_of
+from swarmdata.evaluation.results.result_set import ResultSet, group_results, read_results
+from swarmdata.evaluation.results.result_tables import estimate_with_zeros, quantities_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
 from swarmdata.evaluation.study.pages.csv_tables import weights_text
 from swarmdata.evaluation.study.plan import Study
@@ -146,9 +146,12 @@ def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource
 
 
 def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
-    """Verifies the entries in the folders of a folder, and reads the results of those that pass."""
+    """Verifies the entries in the folders of a folder.
+
+    Those that pass have the metrics that the verification evaluated, not those of their files.
+    """
     require_extra("torch", "torch", "verifying entries")
-    from swarmdata.evaluation.leaderboard.entry import ENTRY, RESULTS  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.leaderboard.entry import ENTRY  # noqa: PLC0415  (torch)
     from swarmdata.evaluation.leaderboard.verify import verify  # noqa: PLC0415  (torch)
 
     places = sorted(each.parent for each in folder.glob(f"*/{ENTRY}"))
@@ -163,8 +166,8 @@ def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
                 raise SchemaError(f"it is rejected: {'; '.join(verdict.reasons)}")
             failures.tell(f"{place}: verified")
             name = place.resolve().name
-            source = replace(_of_place(place / RESULTS), title=f"Entry {name}", place=name)
-            found.append(replace(source, is_own=True, is_verified=True))
+            source = _of_results(group_results(verdict.results), name)
+            found.append(replace(source, title=f"Entry {name}", is_own=True, is_verified=True))
     return found
 
 
@@ -218,14 +221,20 @@ def _of_place(place: Path) -> ResultSource:
             f"there are no results at {place}. Name the folder of a study, one that `swarmdata "
             "evaluate --out` wrote, or a result file."
         )
+    return _of_results(read_results([place]), place.resolve().name)  # readers need no more
+
+
+def _of_results(results: ResultSet, name: str) -> ResultSource:
     outcomes, data = [], {}
-    results = read_results([place])
     for case in (*results.cases, *results.baselines):
         if case.data_score is not None:
             data[case.name] = case.data_score
         for label, runs in case.runs.items():
             origin = runs[0].provenance
-            found = {each.column.key: estimate(each, case, label) for each in quantities_of(case)}
+            found = {
+                each.column.key: estimate_with_zeros(each, case, label)
+                for each in quantities_of(case)
+            }
             names = tuple(sorted({run.run_name for run in runs if run.run_name is not None}))
             updates = "" if origin.updates is None else str(origin.updates)
             family = family_name(origin.algorithm or "policy without training")
@@ -233,7 +242,6 @@ def _of_place(place: Path) -> ResultSource:
             outcomes.append(
                 Outcome(label, family, case.name, found, len(runs), updates, rewards, names, runs)
             )
-    name = place.resolve().name  # who reads the pages need not know the rest
     measured = [run.evaluation for outcome in outcomes for run in outcome.results]
     is_chosen_by = any(each.seeds[0] >= VALIDATION_BASE for each in measured)
     title = f"{name}{VALIDATED}" if is_chosen_by else name

@@ -56,6 +56,6 @@ def verify_command(
     if not verdict.is_verified:
         raise typer.Exit(1)
     typer.echo(
-        f"verified: return {verdict.reserved:.3f} on the reserved episodes, {verdict.equal:.1%} of "
-        f"which ended as it says, and {verdict.fresh:.3f} on fresh ones"
+        f"verified: return {verdict.reserved:.3f} on the reserved episodes, {verdict.equal:.2%} of "
+        f"which ended as it says in all metrics, and {verdict.fresh:.3f} on fresh ones"
     )

@@ -1,5 +1,6 @@
 """`swarmdata evaluate | report | rank`: results of policies and runs, their tables and figures."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -129,8 +130,10 @@ def parse_budgets(texts: list[str] | None) -> dict[str, float]:
         try:
             budgets[name] = float(text)
         except ValueError:
-            message = f"got {name}={text}, expected a number after the sign"
-            raise typer.BadParameter(message, param_hint="--budget") from None
+            budgets[name] = math.nan
+        if not 0.0 <= budgets[name] < math.inf:
+            message = f"got {name}={text}, expected a number of at least 0 after the sign"
+            raise typer.BadParameter(message, param_hint="--budget")
     return budgets
 
 

@@ -127,7 +127,11 @@ class Mixture(TrainingData["MixtureSampler"]):
         found = [part._chosen(choice) for part in self.parts]
         kept = [(p, w) for p, w in zip(found, self.weights, strict=True) if len(p)]
         if not kept:
-            raise SchemaError(f"no episode of {self.id} is left; widen the filter")
+            returns = np.concatenate([part.episodes.team_return for part in self.parts])
+            raise SchemaError(
+                f"no episode of {self.id} is left; their team returns are {returns.min():.6g} to "
+                f"{returns.max():.6g}. Widen the filter."
+            )
         return Mixture(tuple(p for p, _ in kept), _normalized([w for _, w in kept]))
 
     def _sampler(self, **sizes: Any) -> "MixtureSampler":

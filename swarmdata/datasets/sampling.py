@@ -126,6 +126,7 @@ def _gather(
         "costs": lambda: costs_of(rows_of("events", index)),
         "alive": lambda: if_recorded("alive", states),
         "agent_terminations": lambda: if_recorded("agent_terminations", index),
+        "next_alive": lambda: if_recorded("alive", states + 1),
     }
     return Batch(
         mask=mask,

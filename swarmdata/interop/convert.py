@@ -13,7 +13,7 @@ from swarmdata.audit import contradictions
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.task_rewards import has_task_rewards
-from swarmdata.errors import ConversionError, DatasetNotFoundError
+from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
 from swarmdata.interop.conversion.dataset_facts import BLOCK_BYTES
 from swarmdata.interop.conversion.foreign_file import check_plain
 from swarmdata.interop.conversion.imported_data import ImportedData
@@ -68,7 +68,7 @@ def import_dataset(
         metadata: information for readers, such as the author, license and origin.
 
     Raises:
-        UnknownNameError: there is no such format.
+        UnknownNameError: there is no such format, or `splits` is another word.
         DatasetNotFoundError: there is nothing at `source`.
         ConversionError: the data are ambiguous, damaged, do not fit together, or refer to other
             files; or there are choices for an export.
@@ -78,10 +78,7 @@ def import_dataset(
         BuildError: another dataset is at `out`, or no episode falls into the train split.
     """
     source, out = map(absolute_path, (source, out))
-    check_marked(out, MANIFEST, "dataset")
-    if not source.exists():
-        raise DatasetNotFoundError(f"there is nothing at {source} to convert")
-    check_plain(source)
+    _check(source, out, splits)
     with _reader_of(format)(source, id.partition("-")[0], choices or Choices()) as incoming:
         kept = _kept_splits(incoming, splits, choices or Choices(), source)
         content = {
@@ -105,6 +102,16 @@ def import_dataset(
             made.id,
         )
     return made
+
+
+def _check(source: Path, out: Path, splits: str) -> None:
+    """Raises errors of `import_dataset` before anything is read."""
+    if splits not in (known := ("kept", "new")):
+        raise UnknownNameError("choice of splits", splits, known)
+    check_marked(out, MANIFEST, "dataset")
+    if not source.exists():
+        raise DatasetNotFoundError(f"there is nothing at {source} to convert")
+    check_plain(source)
 
 
 def _kept_splits(

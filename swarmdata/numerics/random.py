@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from swarmdata.errors import UnknownNameError
 from swarmdata.types import Double, Int, Seeds
 
 GOLDEN_GAMMA = 0x9E3779B97F4A7C15
@@ -100,5 +101,12 @@ def validation_seeds(n_episodes: int) -> Seeds:
 
 
 def block_seeds(block: SeedBlock, n_episodes: int) -> Seeds:
-    """Returns the first `n_episodes` seeds of a block, [n_episodes]."""
-    return (evaluation_seeds if block == "evaluation" else validation_seeds)(n_episodes)
+    """Returns the first `n_episodes` seeds of a block, [n_episodes].
+
+    Raises:
+        UnknownNameError: there is no such block.
+    """
+    blocks = {"evaluation": evaluation_seeds, "validation": validation_seeds}
+    if block not in blocks:
+        raise UnknownNameError("block of seeds", block, blocks)
+    return blocks[block](n_episodes)

@@ -137,6 +137,7 @@ class Recorder(BaseParallelWrapper):
 
     Raises:
         SpecError: the environment, the id or the metadata cannot be stored.
+        UnknownNameError: `state` is another word.
         BuildError: `path` exists, or another process is recording to it.
     """
 
@@ -160,6 +161,8 @@ class Recorder(BaseParallelWrapper):
         keep_unfinished: bool = False,
         limits: Limits | None = None,
     ) -> None:
+        if state not in (known := ("auto", "environment", "observations")):
+            raise UnknownNameError("source of states", state, known)
         super().__init__(env := as_parallel(env))
         if not is_vacant(Path(path)):
             raise BuildError(

@@ -62,7 +62,7 @@ def evaluate(
 
     Raises:
         SchemaError: `n_episodes` is not positive, or the policy's actions are malformed.
-        UnknownNameError: the task has no such side, or there is no such policy.
+        UnknownNameError: the task has no such side, or there is no such policy or block of seeds.
         SpecError: the task has one side, or a side is given without opponents, or they without it.
     """
     n_episodes = n_episodes if seeds is None else len(seeds)

@@ -143,6 +143,26 @@ def rate_interval(outcomes: Double) -> Estimate:
     return mean_interval(outcomes, bounds=SHARE)
 
 
+def count_interval(counts: Double) -> Estimate:
+    """Returns the mean count of an episode with its interval, which has a width without events too.
+
+    If no episode of any seed has an event, all variances are 0. The upper end is then Garwood's
+    exact limit of a Poisson mean, -ln((1 - `LEVEL`) / 2) / E = 3.69 / E ("Fiducial Limits for the
+    Poisson Distribution", Biometrika 28:437, 1936), where E episodes count, as if seeds always
+    agreed. It is too low if events come in bursts.
+
+    Args:
+        counts: of events, 0 or more, [K, E].
+
+    Raises:
+        SchemaError: the table is not finite, or not [seeds, episodes].
+    """
+    found = mean_interval(counts, bounds=AT_LEAST_ZERO)
+    if counts.any() or math.isnan(found.high):
+        return found
+    return found._replace(high=-math.log((1.0 - LEVEL) / 2.0) / counts.shape[1])
+
+
 def seed_interval(means: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
     """Returns the mean over seeds with Student's t interval, for new seeds on the same episodes.
 

@@ -33,8 +33,8 @@ def assign_splits(origin: Origin, order: Sequence[tuple[int, int]]) -> Counts:
 def empty_validation(n_episodes: int) -> str:
     """Returns what to say of a dataset without validation episodes, and what to do about it."""
     return (
-        f"the validation split is empty: none of {n_episodes:,} episodes fell into it. Make more "
-        "episodes, of logs shorter ones (`episodes: length` in the map)."
+        f"the validation split is empty: none of {n_episodes:,} episodes fell into it. Record more "
+        "episodes, or cut logs into shorter ones with `episodes: {length: SECONDS}` in the map."
     )
 
 

@@ -107,12 +107,12 @@ def test_filter_by_every_condition(source: Dataset, tmp_path: Path) -> None:
 
 
 def test_filter_refuses_what_is_not_there(source: Dataset, tmp_path: Path) -> None:
-    out = tmp_path / "out"
+    out, least = tmp_path / "out", source.episodes.team_return.min()
     cases: list[tuple[dict[str, Any], type[Exception], str]] = [
         ({"seeds": [0, 99999]}, SchemaError, r"seeds of .*synthetic-v0 \[99999\] are not there"),
         ({"episodes": [500]}, SchemaError, r"episodes of .* \[500\] are not there"),
         ({"policy": "tag-2"}, UnknownNameError, "tag-1"),
-        ({"min_return": 1e9}, BuildError, "meets the conditions"),
+        ({"min_return": 1e9}, BuildError, f"conditions; their team returns are {least:.6g} to"),
         ({"split": "test"}, BuildError, "none of the episodes is in the train split"),
         ({"success": False, "id": "../coop_nav"}, SpecError, "invalid Edit"),
     ]

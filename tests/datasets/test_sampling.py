@@ -289,7 +289,10 @@ def test_next_actions_are_scaled_as_actions_are(dataset: Dataset, horizon: int |
     sampler = Sampler(arrays, table, dataset.selection, horizon=horizon, scale=scale)
     index = sampler.rows.valid
     batch = sampler.gather(index)
-    for recorded, name in ((alive[here], "alive"), (leaves, "agent_terminations")):
+    acts_next = alive[here + 1]
+    for recorded, name in (
+        (alive[here], "alive"), (leaves, "agent_terminations"), (acts_next, "next_alive"),
+    ):  # fmt: skip
         found = getattr(batch, name)
         np.testing.assert_array_equal(found if horizon is None else found[:, 0], recorded)
         assert not found[~batch.mask].any()

@@ -1,11 +1,12 @@
 """Importing is whole or not at all, and can be done again."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError, OutputError, RecipeConflictError
+from swarmdata.errors import ConversionError, OutputError, RecipeConflictError, UnknownNameError
 from swarmdata.interop.conversion.imported_data import build_episode
 from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
@@ -59,3 +60,10 @@ def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Pat
     (tmp_path / "out" / "notes").write_text("mine")
     with pytest.raises(OutputError, match="has files in it, such as notes"):
         import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
+
+
+def test_another_choice_of_splits_draws_none(source: Path, tmp_path: Path) -> None:
+    splits: Any = "keep"
+    with pytest.raises(UnknownNameError, match="Did you mean 'kept'"):
+        import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-b-v0", splits=splits)
+    assert list(tmp_path.iterdir()) == []

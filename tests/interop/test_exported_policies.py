@@ -108,9 +108,10 @@ def test_a_policy_of_one_side_drives_its_robots(tmp_path: Path) -> None:
     team = (PolicySource(label="a", name="scripted", opponents=(opponent,)),)
     data = make_tiny(tmp_path / "tag-tiny-v0", id="tag-tiny-v0", spec=task, policies=team)
     few = {"n_updates": "4", "batch_size": "8", "hidden": "8"}
-    (policy,) = swarmdata.train(
+    trained = swarmdata.train(
         "bc", data, tmp_path / "run", side="evader", n_seeds=1, changes=few, progress=False
     )
+    policy: Any = trained[0]
     runner = Runner(str(export_policy(tmp_path / "run", tmp_path / "policy.py")), "evader_0")
     step = swarmdata.Dataset.open(data).side("evader")[0]
     robot = task.robots[3]

@@ -1,9 +1,13 @@
 """Random numbers: known values, uniformity, and independence of batching."""
 
+from typing import Any
+
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from swarmdata.errors import UnknownNameError
 from swarmdata.numerics.random import (
     EVALUATION_BASE,
     block_seeds,
@@ -61,3 +65,9 @@ def test_reserved_and_validation_seeds_are_those_of_published_results() -> None:
     assert block_seeds("evaluation", 1000).tolist() == list(range(2**62, 2**62 + 1000))
     first = 2**62 + 2**32
     assert block_seeds("validation", 1000).tolist() == list(range(first, first + 1000))
+
+
+@pytest.mark.parametrize("block", ["test", "valid", "reserved"])
+def test_no_other_block_stands_for_one_of_the_two(block: Any) -> None:
+    with pytest.raises(UnknownNameError, match="Known: evaluation, validation"):
+        block_seeds(block, 1)

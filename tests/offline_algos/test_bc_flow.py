@@ -47,7 +47,7 @@ def test_an_update_moves_both_and_each_by_its_own_loss() -> None:
     algorithm.copy.step(cloning_loss(acted(algorithm, batch, z), targets), 1.0)
     assert torch.equal(flow.flat, before)  # samples have no gradient
     kept = actor.flat.clone()
-    algorithm.copy.fit(x, batch.actions, algorithm.generators, 1.0)
+    algorithm.copy.fit(x, batch, algorithm.generators, 1.0)
     assert torch.equal(actor.flat, kept)
     algorithm.update(batch)
     assert not torch.equal(flow.flat, before)

@@ -60,9 +60,9 @@ def test_the_rows_of_the_robots_by_hand(monkeypatch: pytest.MonkeyPatch) -> None
         algorithm.value.flat.zero_()
     added, add = [], algorithm.rows.add
 
-    def noted(batch: Batch, advantages: Tensor) -> None:
+    def noted(batch: Batch, advantages: Tensor, alive: Tensor | None) -> None:
         added.append(advantages)
-        add(batch, advantages)
+        add(batch, advantages, alive)
 
     monkeypatch.setattr(algorithm.rows, "add", noted)
     _, pi = algorithm.actor.along(batch)

@@ -13,7 +13,7 @@ def test_without_a_mixer_the_team_is_worth_the_mean_of_its_robots(mixture: Memor
     algorithm, losses = trained(VDN, mixture, 1, hidden=(8,))
     utilities, weights = torch.randn(2, 2, 5, 2, 2, 9), torch.rand(2, 5, 2, 2, 9)
     each = (utilities * weights[:, None]).sum(-1).mean(-1)  # [K, J, B, N]
-    value = algorithm.value(utilities, weights, torch.zeros(2, 5, 8))
+    value = algorithm.value(utilities, weights, torch.zeros(2, 5, 8), None)
     torch.testing.assert_close(value, each.mean(-1))
     assert set(losses[0]) <= set(VDN.LOSSES)
     assert not any("mixer" in name for name in algorithm.state_dict())

@@ -8,7 +8,7 @@ import pytest
 from gymnasium.spaces import Box
 
 from swarmdata.audit import audit
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.record import Limits, Recorder, record_vmas
 from swarmdata.record.recording_folder import RecordingFolder, Session
 from swarmdata.specs.origins.recording_origin import Recording
@@ -157,3 +157,8 @@ def test_a_part_that_cannot_be_written_takes_nothing_with_it(tmp_path: Path) -> 
     again = RecordingFolder(tmp_path / "ds")
     assert again.n_episodes == 4
     again.release()
+
+
+def test_another_source_of_states_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnknownNameError, match="Known: auto, environment, observations"):
+        Recorder(Counting(), id=ID, path=tmp_path / "out", state="env")  # type: ignore[arg-type]

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.numerics.random import EVALUATION_BASE, evaluation_seeds
 from swarmdata.registry.components import make_policy
 from swarmdata.registry.presets import preset
@@ -49,6 +49,12 @@ def test_evaluation_does_not_depend_on_the_number_of_copies() -> None:
 def test_no_episodes_are_refused() -> None:
     with pytest.raises(SchemaError, match="n_episodes is 0, expected at least 1"):
         evaluate(SEEK, SPEC, n_episodes=0)
+
+
+def test_an_unknown_block_is_refused() -> None:
+    block: Any = "test"
+    with pytest.raises(UnknownNameError, match="unknown block of seeds 'test'"):
+        evaluate(SEEK, SPEC, n_episodes=1, block=block, progress=False)
 
 
 def test_only_results_of_one_spec_and_the_same_seeds_compare() -> None:

@@ -16,6 +16,7 @@ from swarmdata.rollouts.score_intervals import (
     TARGET_OF_ONE,
     TARGET_OF_SEVERAL,
     combination_interval,
+    count_interval,
     difference_interval,
     mean_interval,
     rate_interval,
@@ -134,6 +135,17 @@ def test_rates_stay_between_none_and_all() -> None:
     assert rate_interval(np.ones((3, 40))) == wilson_interval(40, 40)
     assert rate_interval(np.zeros((3, 40))) == wilson_interval(0, 40)
     assert rate_interval((RNG.random((3, 40)) < 0.5).astype(np.float64)).low > 0.0
+
+
+def test_no_event_does_not_mean_that_there_never_is_one() -> None:
+    """Of the highest mean that the interval contains, the chance of no event is 2.5 %."""
+    for n_seeds in (1, 5):
+        value, low, high = count_interval(np.zeros((n_seeds, 60)))
+        assert (value, low) == (0.0, 0.0)
+        assert math.exp(-60 * high) == pytest.approx(0.025)
+    assert math.isnan(count_interval(np.zeros((5, 1))).high)
+    counts = RNG.poisson(0.5, (5, 60)).astype(np.float64)
+    assert count_interval(counts) == mean_interval(counts, bounds=AT_LEAST_ZERO)
 
 
 def test_curves_have_intervals_of_seeds() -> None:

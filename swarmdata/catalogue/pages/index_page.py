@@ -31,7 +31,11 @@ QUESTIONS = (
     ),
     ("cope with mixed conventions?", ("coop_nav-mixed-conventions",), "half keep right, half left"),
     ("learn without any success?", ("coop_nav-random",), "only the reward says what is good"),
-    ("scale with the team?", ("coop_nav-n8-medium", "formation-n8-medium"), "eight robots"),
+    (
+        "scale with the team?",
+        ("coop_nav-n8-medium", "formation-n8-medium", "coop_nav-n16-medium"),
+        "eight and sixteen robots",
+    ),
     (
         "generalize beyond navigation?",
         ("transport-medium", "warehouse-medium", "formation-medium"),

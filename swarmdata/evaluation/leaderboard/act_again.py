@@ -6,7 +6,12 @@ import sys
 from pathlib import Path
 
 from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, read_policy
-from swarmdata.evaluation.leaderboard.verify import GIGABYTES, N_REPEATED, fresh_seeds
+from swarmdata.evaluation.leaderboard.verify import (
+    GIGABYTES,
+    MEASURED,
+    N_REPEATED,
+    fresh_seeds,
+)
 from swarmdata.numerics.random import block_seeds
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.rollouts.evaluate import evaluate
@@ -14,7 +19,7 @@ from swarmdata.specs.origins import task_of
 
 
 def main(entry: Path, out: Path, n_episodes: int, n_threads: int) -> None:
-    """Writes the team returns of every policy on all blocks of episodes, [K, E] each."""
+    """Writes the metrics of every policy on all blocks of episodes, [K, E] each."""
     resource.setrlimit(resource.RLIMIT_AS, (GIGABYTES << 30, GIGABYTES << 30))
     description = Description.from_file(entry / ENTRY)
     spec = task_of(find_recipe(description.dataset), "a leaderboard")
@@ -24,16 +29,18 @@ def main(entry: Path, out: Path, n_episodes: int, n_threads: int) -> None:
         "fresh": fresh_seeds(description, n_episodes),
         "repeated": block_seeds("evaluation", min(n_episodes, N_REPEATED)),
     }
-    returns = {
+    measured = {
         name: [
-            evaluate(policy, spec, seeds=seeds, n_threads=n_threads, progress=False)
-            .metrics["return"]
-            .tolist()
+            evaluate(policy, spec, seeds=seeds, n_threads=n_threads, progress=False).metrics
             for policy in policies
         ]
         for name, seeds in blocks.items()
     }
-    (out / "returns.json").write_text(json.dumps(returns))
+    found = {
+        name: {metric: [each[metric].tolist() for each in metrics] for metric in metrics[0]}
+        for name, metrics in measured.items()
+    }
+    (out / MEASURED).write_text(json.dumps(found))
 
 
 if __name__ == "__main__":

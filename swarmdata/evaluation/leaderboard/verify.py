@@ -6,12 +6,14 @@ import re
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from swarmdata import __version__
 from swarmdata.errors import SchemaError, SwarmdataError
 from swarmdata.evaluation.leaderboard.entry import (
     ENTRY,
@@ -27,23 +29,29 @@ from swarmdata.numerics.random import EVALUATION_BASE, block_seeds, derive
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.extras import require_extra
-from swarmdata.types import Double, Seeds
+from swarmdata.types import Bool, Double, Seeds
 
 SECONDS = 600  # most time of a verification
 GIGABYTES = 16  # most memory, addresses that are not used included
 LEAST_EQUAL = 0.95  # of the episodes: rounding differs between processors, and contacts amplify it
 N_REPEATED = 64  # reserved episodes that are repeated, as many as run at the same time
-FARTHEST = 4.0  # standard errors by which the return may be higher on the reserved episodes
-ONNX_MARGIN = 2.0  # standard errors allowed for files of ONNX, whose runtimes round differently
+FARTHEST = 4.0  # standard errors that a mean may be off: claimed, or compared with fresh episodes
+SAME = 1e-6  # most difference of values that count as the same, in the unit of the metric
+NEGLIGIBLE = 1e-3  # smaller differences do not count as a shift of a mean
+MEASURED = "measured.json"  # what the process writes
+
+Metrics = Mapping[str, Double]
+"""Values of each metric of `metrics_of` the task, [K policies, E episodes]."""
 
 
 class Verdict(NamedTuple):
     """What a verification found."""
 
     reasons: tuple[str, ...]  # why the entry is rejected; empty: it is verified
-    equal: float = 0.0  # share of the reserved episodes that ended with the return that it says
+    equal: float = 0.0  # share of the reserved episodes in which all metrics are as it says
     reserved: float = float("nan")  # mean team return on the reserved episodes, evaluated again
     fresh: float = float("nan")  # the same on fresh episodes
+    results: tuple[Result, ...] = ()  # of the policies, with the metrics evaluated again
 
     @property
     def is_verified(self) -> bool:
@@ -56,10 +64,11 @@ def verify(
 ) -> Verdict:
     """Verifies an entry.
 
-    Its policies act on the reserved episodes, which must end as the entry says, and on as many
-    fresh ones, whose seeds follow from the policies' hashes: a return on the reserved episodes that
-    is far above that on the fresh ones was chosen on the former. Some reserved episodes are
-    repeated, and must end as before.
+    Its policies act on the reserved episodes, which must end as the entry says in every metric, and
+    on as many fresh ones, whose seeds follow from the policies' hashes: a return on the reserved
+    episodes that is far above that on the fresh ones was chosen on the former. Some reserved
+    episodes are repeated, and must end as before. Only what was evaluated here may be published,
+    `Verdict.results`: a few claimed values may differ, as rounding differs between processors.
 
     Args:
         entry: its folder.
@@ -94,9 +103,11 @@ def verify(
         if done.returncode:
             last = done.stderr.decode(errors="replace").strip().rpartition("\n")[2]
             return Verdict((f"its policies could not act: {last}",))
-        measured = json.loads((Path(scratch) / "returns.json").read_bytes())
-    blocks = ("reserved", "fresh", "repeated")
-    reserved, fresh, repeated = (np.array(measured[name]) for name in blocks)
+        measured = json.loads((Path(scratch) / MEASURED).read_bytes())
+    reserved, fresh, repeated = (
+        {metric: np.array(values) for metric, values in measured[name].items()}
+        for name in ("reserved", "fresh", "repeated")
+    )
     verdict = _compared(claimed, reserved, fresh, is_onnx=description.is_onnx)
     return verdict._replace(reasons=(*_differing(reserved, repeated), *verdict.reasons))
 
@@ -134,10 +145,20 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
     found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
     by_content = {each.provenance.content: each for each in found}
     spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)
-    for file, content in zip(description.files, description.policies, strict=True):
+    known = {name: getattr(description, name) for name in ("algorithm", "dataset", "digest")}
+    said = {**known, "label": description.name, "view": None, "run": None}
+    for index, (file, content) in enumerate(
+        zip(description.files, description.policies, strict=True)
+    ):
         result = by_content.get(content)
         if result is None:
             raise SchemaError(f"{file} has no result in {RESULTS}")
+        for name, value in {**said, "index": index}.items():
+            if (found_value := getattr(result.provenance, name)) != value:
+                raise SchemaError(
+                    f"the result of {file} has {name} {found_value!r}, expected {value!r} as in "
+                    f"{ENTRY}"
+                )
         if result.spec != spec or not np.array_equal(result.evaluation.seeds, seeds):
             raise SchemaError(
                 f"the result of {file} is not of the task of {description.dataset} "
@@ -146,37 +167,103 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
     return [by_content[content] for content in description.policies]
 
 
-def _differing(reserved: Double, repeated: Double) -> Iterator[str]:
-    """What is wrong with returns of episodes that were repeated, [K, <= E]."""
-    if share := float((reserved[:, : repeated.shape[1]] != repeated).mean()):
+def _differing(reserved: Metrics, repeated: Metrics) -> Iterator[str]:
+    """What is wrong with episodes that were repeated, [K, <= E]."""
+    first = {name: reserved[name][:, : again.shape[1]] for name, again in repeated.items()}
+    changed = [_changed(first[name], again, most=0.0) for name, again in repeated.items()]
+    if share := float(np.any(changed, axis=0).mean()):
         yield (
-            f"{share:.1%} of the episodes that its policies repeated ended with another return: "
+            f"{share:.1%} of the episodes that its policies repeated ended otherwise: "
             "they act at random, expected the same actions each time"
         )
 
 
+def _changed(x: Double, y: Double, *, most: float = SAME) -> Bool:
+    """Where values differ by more than `most`; undefined ones (NaN) are the same."""
+    return ~np.isclose(x, y, rtol=0, atol=most, equal_nan=True)
+
+
 def _compared(
-    claimed: list[Result], reserved: Double, fresh: Double, *, is_onnx: bool = False
+    claimed: list[Result], reserved: Metrics, fresh: Metrics, *, is_onnx: bool = False
 ) -> Verdict:
-    """Compares claimed returns with those on reserved and on fresh episodes, both [K, E]."""
-    said = np.stack([each.evaluation.metrics["return"] for each in claimed])
-    equal = float(np.isclose(said, reserved, rtol=0, atol=1e-6).mean())
+    """Compares claims with metrics on reserved episodes, and the return there with fresh ones."""
+    said = {name: np.stack([r.evaluation.metrics[name] for r in claimed]) for name in reserved}
+    changed = {name: _changed(said[name], again) for name, again in reserved.items()}
+    equal = 1.0 - float(np.any([*changed.values()], axis=0).mean())
     reasons = []
-    off = abs(said.mean() - reserved.mean())
-    is_near = is_onnx and off <= ONNX_MARGIN * _error(reserved, reserved)
-    if equal < LEAST_EQUAL and not is_near:
+    if equal < LEAST_EQUAL and not is_onnx:
+        name = max(changed, key=lambda each: int(changed[each].sum()))
         reasons.append(
-            f"{equal:.1%} of the reserved episodes ended with the return that it says, expected "
-            f"at least {LEAST_EQUAL:.0%}; its mean is {said.mean():.3f}, evaluated again "
-            f"{reserved.mean():.3f}"
+            f"{equal:.1%} of the reserved episodes ended with the metrics that it says, expected "
+            f"at least {LEAST_EQUAL:.0%}; {_example(claimed, reserved, name, changed[name])}"
         )
-    if reserved.mean() - fresh.mean() > FARTHEST * _error(reserved, fresh):
+    for reason, name, where in _altered(said, reserved, changed):
+        reasons.append(f"{reason}; {_example(claimed, reserved, name, where)}")
+    here, there = reserved["return"], fresh["return"]
+    if here.mean() - there.mean() > FARTHEST * _error(here, there):
         reasons.append(
-            f"its return is {reserved.mean():.3f} on the reserved episodes and "
-            f"{fresh.mean():.3f} on fresh ones, more than {FARTHEST:.0f} standard errors less: "
-            "it was chosen on the reserved ones"
+            f"its return is {here.mean():.3f} on the reserved episodes and {there.mean():.3f} on "
+            f"fresh ones, more than {FARTHEST:.0f} standard errors less: it was chosen on the "
+            "reserved ones"
         )
-    return Verdict(tuple(reasons), equal, float(reserved.mean()), float(fresh.mean()))
+    means, results = (float(here.mean()), float(there.mean())), _evaluated(claimed, reserved)
+    return Verdict(tuple(reasons), equal, *means, results)
+
+
+def _altered(
+    said: Metrics, reserved: Metrics, changed: Mapping[str, Bool]
+) -> Iterator[tuple[str, str, Bool]]:
+    """Yields why values are not off by rounding, their metric, and which they are, [K, E].
+
+    Rounding shows in no metric without another path, and favors no direction: the standard error
+    of a mean difference is then sqrt(sum of squares) / (K E).
+    """
+    is_same_path = said["path_length"] == reserved["path_length"]
+    for name, where in changed.items():
+        shift = _shift(said[name], reserved[name])
+        if (altered := where & is_same_path).any():
+            yield (
+                f"its {name} differs in {altered.sum():,} of {altered.size:,} episodes in which "
+                "the robots drove as it says, so that rounding is not the reason",
+                name,
+                altered,
+            )
+        elif abs(shift.sum()) > FARTHEST * np.linalg.norm(shift):
+            yield (
+                f"its {name} is {shift.mean():+.3g} off on average, more than {FARTHEST:.0f} "
+                "standard errors",
+                name,
+                where,
+            )
+
+
+def _shift(said: Double, again: Double) -> Double:
+    """Claimed minus evaluated values, [K, E], where undefined ones (NaN) count as 0."""
+    change = np.nan_to_num(said) - np.nan_to_num(again)
+    return np.where(np.abs(change) > NEGLIGIBLE, change, 0.0)
+
+
+def _example(claimed: list[Result], reserved: Metrics, name: str, where: Bool) -> str:
+    """The value of a metric that is farthest off, of those `where` it was changed, [K, E]."""
+    said = np.stack([each.evaluation.metrics[name] for each in claimed])
+    sizes = np.where(where, np.abs(_shift(said, reserved[name])), -1.0)
+    k, e = np.unravel_index(sizes.argmax(), sizes.shape)
+    provenance, seed = claimed[k].provenance, claimed[k].evaluation.seeds[e]
+    return (
+        f"for example, policy {provenance.index} (training seed {provenance.seed}) in the episode "
+        f"of seed {seed}: {name} {said[k, e]:.6g} claimed, {reserved[name][k, e]:.6g} evaluated"
+    )
+
+
+def _evaluated(claimed: list[Result], reserved: Metrics) -> tuple[Result, ...]:
+    """The results with the metrics that this version evaluated."""
+    found = []
+    for k, result in enumerate(claimed):
+        metrics = {name: values[k] for name, values in reserved.items()}
+        evaluation = replace(result.evaluation, metrics=metrics)
+        provenance = result.provenance.model_copy(update={"code_version": __version__})
+        found.append(replace(result, evaluation=evaluation, provenance=provenance))
+    return tuple(found)
 
 
 def _error(*evaluations: Double) -> float:

@@ -193,8 +193,12 @@ def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, .
 def _unknown(name: str, task: str) -> SwarmdataError:
     """What is wrong with a name that means nothing."""
     if looks_like_path(name):
-        is_there = "holds neither a training run nor a dataset"
-        return SpecError(f"{name} {is_there if is_folder(name) else 'is no folder that is there'}")
+        if is_folder(name):
+            return SpecError(f"{name} holds neither a training run nor a dataset")
+        return SpecError(
+            f"there is no folder at {name}, expected that of a training run or a dataset, or an "
+            "ONNX file. Check the path, or make a run with `swarmdata train ... --out FOLDER`."
+        )
     trained = {tier for tier in TRAINED_TIERS if sources(task, tier)}
     known = checkpoint_free_policies() | trained | {*shipped_recipes()}
     return UnknownNameError("policy, tier, dataset or run folder", name, known)

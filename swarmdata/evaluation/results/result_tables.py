@@ -16,10 +16,12 @@ from swarmdata.evaluation.results.aggregates import (
 )
 from swarmdata.evaluation.results.estimate_table import Column, Row, Table
 from swarmdata.evaluation.results.result_set import Case, ResultSet
+from swarmdata.numerics.event_costs import COSTS
 from swarmdata.numerics.random import VALIDATION_BASE
 from swarmdata.rollouts import metrics
 from swarmdata.rollouts.score_intervals import (
     AT_LEAST_ZERO,
+    count_interval,
     mean_interval,
     rate_interval,
     target_of,
@@ -100,7 +102,7 @@ def case_table(case: Case) -> Table:
     """Returns all quantities of one dataset or spec, one row per label, with 95 % intervals."""
     quantities = quantities_of(case)
     rows = [
-        Row(label, len(runs), tuple(estimate(q, case, label) for q in quantities))
+        Row(label, len(runs), tuple(estimate_with_zeros(q, case, label) for q in quantities))
         for label, runs in case.runs.items()
     ]
     own = tuple(_without_interval(quantity.data(case)) for quantity in quantities)
@@ -125,10 +127,24 @@ def budget_table(case: Case, budgets: Mapping[str, float]) -> Table:
         columns += [over, share]
     for label, runs in case.runs.items():
         costs = [(case.metric(label, name), budget) for name, budget in budgets.items()]
-        values = chain.from_iterable((c - b, (c > b).astype(np.float64)) for c, b in costs)
-        estimates = (estimate_values(v, c) for v, c in zip(values, columns, strict=True))
-        rows.append(Row(label, len(runs), tuple(estimates)))
+        pairs = ((_over_budget(c, b), rate_interval((c > b).astype(np.float64))) for c, b in costs)
+        rows.append(Row(label, len(runs), tuple(chain.from_iterable(pairs))))
     return Table(tuple(columns), tuple(rows), _caption_of_case(case))
+
+
+def _over_budget(costs: Double, budget: float) -> Estimate:
+    """How far the mean cost of an episode is above a budget."""
+    return Estimate(*(end - budget for end in count_interval(costs)))
+
+
+def estimate_with_zeros(quantity: Quantity, case: Case, label: str) -> Estimate:
+    """As `estimate`, but a count without any event has an interval that does not end at 0.
+
+    Studies estimate without it, as their tables were published.
+    """
+    if quantity.column.key in COSTS:
+        return count_interval(quantity.values(case, label))
+    return estimate(quantity, case, label)
 
 
 def estimate(quantity: Quantity, case: Case, label: str) -> Estimate:

@@ -425,7 +425,7 @@ def last_evaluation(
 ) -> str | None:
     """Says in one line how good the policies of an offline run are, beside its data.
 
-    None: there is no learning curve, or no reference for a score.
+    By scores, or by returns where there are no references; None: there is no learning curve.
     """
     tables = [part / CURVE for part in run_folders(run)]
     rows = [row for table in tables if table.is_file() for row in read_table(table)]
@@ -435,18 +435,20 @@ def last_evaluation(
     last = [row for row in rows if row["update"] == update]
     data = open_data(dataset_id, weights, {"progress": False})
     parts = data.parts if isinstance(data, Mixture) else (data,)
-    if parts[0].references is None:
-        return None
-    score = data.normalized_score([row["return"] for row in last]).mean()
+    has_score = parts[0].references is not None
+
+    def mean(values: Any) -> str:
+        found = data.normalized_score(values) if has_score else np.asarray(values)
+        return f"{found.mean():.1f}" if has_score else f"{found.mean():.3g}"
+
     success = np.mean([row["success"] for row in last])
-    own = ", ".join(
-        f"{part.normalized_score(part.episodes.team_return).mean():.1f} ({part.id})"
-        for part in parts
-    )
-    team = "1 seed scores" if len(last) == 1 else f"{len(last)} seeds score"
+    own = ", ".join(f"{mean(part.episodes.team_return)} ({part.id})" for part in parts)
+    team = "1 seed has" if len(last) == 1 else f"{len(last)} seeds have"
+    what = "score" if has_score else "return"
     return (
-        f"After {update:,.0f} updates, {team} {score:.1f}, with {success:.0%} success in "
-        f"{CURVE_EPISODES} validation episodes; the data score {own}."
+        f"After {update:,.0f} updates, {team} a mean {what} of "
+        f"{mean([row['return'] for row in last])}, and {success:.0%} success in {CURVE_EPISODES} "
+        f"validation episodes; the data have {own}."
     )
 
 

@@ -39,6 +39,9 @@ SCAN_ANGLES = ("angle_min", "angle_increment")
 
 POSITION, ANGLE = ("length", "m"), ("angle", "rad")
 
+MOST_TURNS = 25.0
+"""Radians that headings without a unit may have: four turns. More are rather degrees."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotSignals:
@@ -88,6 +91,12 @@ class SignalReader:
         rows = _Rows(self._logs, robot, pose, f"pose of {robot.name}")
         if pose.quaternion is None:
             heading = rows.quantity(pose.heading, ANGLE)
+            if pose.heading.unit is None and np.abs(heading).max(initial=0.0) > MOST_TURNS:
+                raise ConversionError(
+                    f"headings of the {rows.what} run from {heading.min():.4g} to "
+                    f"{heading.max():.4g}, which as radians are several turns. Say in the map "
+                    "which unit they have: `unit: deg`, or `unit: rad`"
+                )
         else:
             heading = yaw_of(*(rows.quantity(ColumnOf(column=c)) for c in pose.quaternion))
         columns = [*(rows.quantity(each, POSITION) for each in (pose.x, pose.y)), heading]

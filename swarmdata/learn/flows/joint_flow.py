@@ -34,6 +34,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp_of_branches,
     mlp_of_products,
 )
+from swarmdata.learn.networks.presence import agent_mean
 from swarmdata.learn.networks.setup import Setup
 
 FLOW_STREAM = 4
@@ -62,7 +63,9 @@ class JointFlow:
         self.network = StackedMLP(shape, setup.n_seeds, setup.device)
         initialize(self.network, setup.seeds, FLOW_STREAM)
 
-    def loss(self, x: Tensor, actions: Tensor, noise: Tensor, times: Tensor) -> Tensor:
+    def loss(
+        self, x: Tensor, actions: Tensor, noise: Tensor, times: Tensor, alive: Tensor | None = None
+    ) -> Tensor:
         """Returns L(e), the mean over rows, [K].
 
         Args:
@@ -70,12 +73,13 @@ class JointFlow:
             actions: of the data, [K, B, N, A].
             noise: z, standard normal, [K, B, N, A].
             times: t, uniform in [0, 1), [K, B, 1].
+            alive: which robots count, [K, B, N], as in `presence`.
         """
         on_path = noise + times[..., None] * (actions - noise)
         team = torch.cat([x, on_path.flatten(2), times], 2)
         own = torch.cat([self._own(x), on_path], 3)
         ends = mlp_of_branches(self.network.layers, team, own)
-        return (ends - actions).square().mean((1, 2, 3))
+        return agent_mean((ends - actions).square(), alive)
 
     @torch.no_grad()
     def sample(self, x: Tensor, noise: Tensor) -> Tensor:

@@ -141,18 +141,19 @@ class Distillation:
         self.state_dict = self._descent.state_dict
 
     def fit(
-        self, x: Tensor, actions: Tensor, generators: Sequence[torch.Generator], scale: float
+        self, x: Tensor, batch: Batch, generators: Sequence[torch.Generator], scale: float
     ) -> Tensor:
         """Moves the flow one step towards the data; returns its loss, [K].
 
         Args:
             x: normalized states and observations, [K, B, S + N O].
-            actions: joint actions of the data, [K, B, N, A].
+            batch: with the joint actions of the data, [K, B, ...].
             generators: of noise and times, one per seed, [K].
             scale: factor on the learning rate.
         """
+        actions = batch.actions
         times = uniform_like(generators, actions[:, :, 0, :1])  # [K, B, 1]
-        loss = self.flow.loss(x, actions, normal_like(generators, actions), times)
+        loss = self.flow.loss(x, actions, normal_like(generators, actions), times, batch.alive)
         self._descent.step_of("teacher", loss, scale)
         return loss
 

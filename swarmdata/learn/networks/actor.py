@@ -10,6 +10,7 @@ from torch import Tensor
 from swarmdata.learn.networks.network_inputs import Standardization, with_agent_id
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.presence import agent_mean
 from swarmdata.learn.networks.set_networks import SetShape, StackedSets
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.perception.feature_slots import slots_of
@@ -137,19 +138,21 @@ class BehaviorDensity(Descent):
         initialize(self.network, seeds, DENSITY_STREAM)
         super().__init__({"density": self.network}, len(seeds), learning_rate, max_norm)
 
-    def gradient(self, observations: Tensor, actions: Tensor) -> Tensor:
+    def gradient(
+        self, observations: Tensor, actions: Tensor, alive: Tensor | None = None
+    ) -> Tensor:
         """Fills the gradient; returns the negative log-likelihood, the mean over rows, [K].
 
         Each row is weighted by its own variance: by likelihood alone, the mean would learn little
         where the deviation is large (beta-NLL with beta = 1; Seitzer et al. 2022, "On the pitfalls
         of heteroscedastic uncertainty estimation with probabilistic neural networks"). Observations
-        [K, B, N, O] are as recorded, actions [K, B, N, A] the data's.
+        [K, B, N, O] are as recorded, actions [K, B, N, A] the data's; `alive` is as in `presence`.
         """
         mean, log_std = self._outputs(self.network(self._actor.inputs(observations)), actions)
         losses = 0.5 * ((actions - mean) / log_std.exp()).square() + log_std  # [K, B, N, A]
-        weighted = (losses * (2 * log_std.detach()).exp()).sum(3).mean((1, 2))  # [K]
+        weighted = agent_mean((losses * (2 * log_std.detach()).exp()).sum(3), alive)  # [K]
         self.network.backward(weighted.sum())
-        return losses.detach().sum(3).mean((1, 2))
+        return agent_mean(losses.detach().sum(3), alive)
 
     @torch.no_grad()
     def moments(self, observations: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:

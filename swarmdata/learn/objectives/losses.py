@@ -30,6 +30,7 @@ from torch import Tensor
 from torch.nn.functional import smooth_l1_loss
 
 from swarmdata.learn.choices.behavior_heads import Head, cross_entropy
+from swarmdata.learn.networks.presence import agent_mean
 
 
 class Loss(NamedTuple):
@@ -101,13 +102,13 @@ def batch_weights(exponents: Tensor) -> Tensor:
     return exponents.flatten(1).softmax(1).view(exponents.shape) * exponents[0].numel()
 
 
-def cloning_loss(pi: Tensor, actions: Tensor) -> Tensor:
+def cloning_loss(pi: Tensor, actions: Tensor, alive: Tensor | None = None) -> Tensor:
     """Returns 1/N sum_i 1/A |pi(o_i, i) - a_i|^2, the mean over rows, [K].
 
-    Actions, pi and the data's, are [K, B, N, A]. It is minus the log-likelihood of a Gaussian of
-    fixed deviation, but for a factor and a constant.
+    Actions, pi and the data's, are [K, B, N, A]; `alive` is as in `presence`. It is minus the
+    log-likelihood of a Gaussian of fixed deviation, but for a factor and a constant.
     """
-    return (pi - actions).square().mean((1, 2, 3))
+    return agent_mean((pi - actions).square(), alive)
 
 
 def soft_value_loss(exponents: Tensor, values: Tensor, largest: float) -> Tensor:
@@ -177,7 +178,9 @@ def huber_error(q: Tensor, y: Tensor) -> Tensor:
     return errors.mean(2).sum(1)
 
 
-def conservative_gap(utilities: Tensor, weights: Tensor, exists: Tensor | None) -> Tensor:
+def conservative_gap(
+    utilities: Tensor, weights: Tensor, exists: Tensor | None, alive: Tensor | None
+) -> Tensor:
     """Returns sum_j mean_id [log sum_k exp U_dk - sum_k w_dk U_dk], [K].
 
     Conservative Q-learning (Kumar et al. 2020, equation 4) robot by robot and column by column: the
@@ -187,17 +190,21 @@ def conservative_gap(utilities: Tensor, weights: Tensor, exists: Tensor | None) 
         utilities: [K, J, B, N, D, C].
         weights: the data's actions as weights of the choices, [K, B, N, D, C].
         exists: which choices there are, bool [N, D, C]; None: all.
+        alive: which robots count, bool [K, B, N], as in `presence`.
     """
     taken = (utilities * weights[:, None]).sum(-1)  # [K, J, B, N, D]
     if exists is not None:
         utilities = utilities.masked_fill(~exists, -torch.inf)
-    return (utilities.logsumexp(-1) - taken).mean((2, 3, 4)).sum(1)
+    gaps = utilities.logsumexp(-1) - taken
+    if alive is None:
+        return gaps.mean((2, 3, 4)).sum(1)
+    return torch.stack([agent_mean(each, alive) for each in gaps.unbind(1)]).sum(0)
 
 
-def behavior_loss(log_probs: Tensor, weights: Tensor, head: Head) -> Tensor:
+def behavior_loss(log_probs: Tensor, weights: Tensor, head: Head, alive: Tensor | None) -> Tensor:
     """Returns -sum_d sum_k w_dk log pi_b(k | o_i)_d, the mean over robots and rows, [K].
 
     `log_probs` are those of `behavior_heads.behavior_log_probs`, for that kind of head; weights of
-    the choices, the data's actions, [K, B, N, D, C].
+    the choices, the data's actions, [K, B, N, D, C]; `alive` is as in `presence`.
     """
-    return cross_entropy(log_probs, weights, head).mean((1, 2))
+    return agent_mean(cross_entropy(log_probs, weights, head), alive)

@@ -40,6 +40,9 @@ LARGEST_WEIGHT = 100.0
 HALVINGS = 14
 """Of the range of beta on a logarithmic scale, which leaves 0.1 % of it."""
 
+ABSENT = -1e30
+"""Instead of the advantage of a robot that has left: its weight is 0."""
+
 SMALLEST = 1e-6
 """End of that range, over its beginning."""
 
@@ -65,17 +68,18 @@ def row_weights(
 ) -> tuple[Tensor, Tensor]:
     """Returns the weight of each row over the largest, [K, M, N], and beta, [K], one of a seed.
 
-    Advantages are [K, M, N]; `largest` is beta's limit, finite, a number or [K]; `effective_share`
-    the least n_eff over M N.
+    Advantages are [K, M, N], `ABSENT` of robots that have left; `largest` is beta's limit, finite,
+    a number or [K]; `effective_share` the least n_eff over the number of the other rows.
     """
     flat = advantages.flatten(1)  # [K, M N]
+    share = effective_share * (flat > ABSENT).float().mean(1)
 
     def weights(beta: Tensor) -> Tensor:
         logs = (beta[:, None] * flat).clamp(max=math.log(LARGEST_WEIGHT))
         return (logs - logs.amax(1, keepdim=True)).exp()
 
     def is_enough(beta: Tensor) -> Tensor:
-        return effective_share_of(weights(beta)) >= effective_share
+        return effective_share_of(weights(beta)) >= share
 
     high = torch.as_tensor(largest, dtype=flat.dtype, device=flat.device).expand(len(flat))
     low = torch.where(is_enough(high), high, SMALLEST * high)
@@ -89,8 +93,9 @@ def row_weights(
 def draw(weights: Tensor, n_drawn: int, generators: Sequence[torch.Generator]) -> Tensor:
     """Returns D = `n_drawn` rows for each robot, [K, D, N], in proportion to weights [K, M, N].
 
-    Of a robot's weights not all are 0; there is one generator for each seed.
+    A robot whose weights are all 0 gets all rows alike; there is one generator for each seed.
     """
+    weights = weights + (weights.sum(1, keepdim=True) == 0)
     cumulative = weights.transpose(1, 2).double().cumsum(2)  # [K, N, M]
     start = uniform_like(generators, weights[:, 0])  # [K, N]
     steps = torch.arange(n_drawn, device=weights.device, dtype=torch.float64)
@@ -123,12 +128,15 @@ class ScoredRows:
         empty = torch.zeros(len(generators), 0)
         self._kept = dict.fromkeys(("observations", "actions", "mask", "advantages"), empty)
 
-    def add(self, batch: Batch, advantages: Tensor) -> None:
+    def add(self, batch: Batch, advantages: Tensor, alive: Tensor | None = None) -> None:
         """Adds a batch, always of the same shape, in place of the oldest.
 
         Advantages, [K, R, N], without a gradient, are of the transitions [K, B, ...], or of the
-        steps that windows [K, B, L, ...] are learned from.
+        steps that windows [K, B, L, ...] are learned from. Rows of robots that have left, which
+        `alive`, [K, R, N], says, are not drawn.
         """
+        if alive is not None:
+            advantages = advantages.masked_fill(~alive, ABSENT)
         for name in self._kept:
             new = advantages if name == "advantages" else getattr(batch, name)
             if not self._n_added:

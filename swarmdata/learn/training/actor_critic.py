@@ -46,6 +46,7 @@ from swarmdata.learn.networks.network_inputs import (
 )
 from swarmdata.learn.networks.optimizer import Descent, StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
+from swarmdata.learn.networks.presence import acting
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, anchored_loss, cloning_loss, tilted_loss
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
@@ -272,12 +273,14 @@ class TwoStageActorCritic(OfflineLearner):
             self.critics.follow(config.tau)
         return {name: loss.detach() for name, loss in losses.items()}
 
-    def smoothed_actions(self, observations: Tensor) -> Tensor:
+    def smoothed_actions(self, batch: Batch) -> Tensor:
         """Returns pi'(o') + clip(noise, -c, c), [K, B, N, A], in [-1, 1]; draws the noise."""
         config, size = self.config, self.actor.target.shape.outputs
+        observations = batch.next_observations
         template = observations[..., :1].expand(*observations.shape[:-1], size)
         noise = normal_like(self.generators, template)
-        return self.actor.smoothed(noise, observations, config.smoothing, config.smoothing_clip)
+        found = self.actor.smoothed(noise, observations, config.smoothing, config.smoothing_clip)
+        return acting(found, batch.next_alive)
 
 
 class LossActorCritic(TwoStageActorCritic):
@@ -297,8 +300,8 @@ class LossActorCritic(TwoStageActorCritic):
         return reported
 
     def actor_step(self, batch: Batch, x: Any, scale: float, is_warmup: bool) -> dict[str, Tensor]:
-        pi = self.actor(batch.observations)  # [K, B, N, A]
-        total = bc_loss = cloning_loss(pi, batch.actions)
+        pi = acting(self.actor(batch.observations), batch.alive)  # [K, B, N, A]
+        total = bc_loss = cloning_loss(pi, batch.actions, batch.alive)
         reported: dict[str, Tensor] = {}
         if not is_warmup:
             total, reported = self.actor_loss(batch, x, pi, bc_loss)
@@ -337,7 +340,7 @@ class SecondStage:
 
     def learn_density(self, batch: Batch, scale: float) -> Tensor:
         """Moves the density to the data; returns its negative log-likelihood, [K]."""
-        loss = self.density.gradient(batch.observations, batch.actions)
+        loss = self.density.gradient(batch.observations, batch.actions, batch.alive)
         self.density.descend(scale)
         return loss
 
@@ -356,7 +359,7 @@ class SecondStage:
         """Returns the loss, [K], and the values that it is made of, [K, B, N]."""
         config, eta = self._config, self._config.inverse_temperature / self._slope
         if config.extraction == "anchored":
-            pi = self._actor(batch.observations)  # [K, B, N, A]
+            pi = acting(self._actor(batch.observations), batch.alive)  # [K, B, N, A]
             values = valuer.of_policy(pi)
             steepest = config.slope_limit * self._slope
             return anchored_loss(pi, values, *moments, eta, steepest), values
@@ -365,9 +368,9 @@ class SecondStage:
             drawn = valuer.of_candidates(candidates)  # [K, B, N, M]
             taken = valuer.of_candidates(batch.actions[..., None, :])[..., 0]  # [K, B, N]
         if config.extraction == "tilted":
-            pi = self._actor(batch.observations)
+            pi = acting(self._actor(batch.observations), batch.alive)
             return tilted_loss(pi, candidates, drawn, eta), drawn.mean(3)
-        self._rows.add(batch, taken - drawn.mean(3))
+        self._rows.add(batch, taken - drawn.mean(3), batch.alive)
         actions, pi, _ = self._rows.draw(self._actor.online.along, eta)
         return (pi - actions).square().sum(3).mean((1, 2)), taken
 

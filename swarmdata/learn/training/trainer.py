@@ -236,7 +236,9 @@ class _Trainer:
         report: Report | None,
     ) -> None:
         self.run, self.samplers, self.statistics = run, samplers, statistics
-        self.keep, self.report, self.wanted = keep, report, fields_of(kind)
+        self.keep, self.report = keep, report
+        named = fields_of(kind)
+        self.wanted = None if named is None else {*named, "alive", "next_alive"}
         self.algorithm = run.description.build(statistics, run.description.device)
         if run.has_checkpoint:
             is_compact = run.metadata.get(COMPACT, False)

@@ -13,11 +13,12 @@ import pytest
 from tests.support.at_once import Forked
 
 
-def change_returns(entry: Path, change: Any) -> None:
-    """Adds to the returns that an entry says."""
+def change_metrics(entry: Path, change: Any, *names: str) -> None:
+    """Adds to metrics that an entry claims."""
     for file in (entry / "results").iterdir():
         document = json.loads(file.read_text())
-        document["metrics"]["return"] = list(np.add(document["metrics"]["return"], change))
+        for name in names:
+            document["metrics"][name] = list(np.add(document["metrics"][name], change))
         file.write_text(json.dumps(document))
 
 

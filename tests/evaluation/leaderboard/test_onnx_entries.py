@@ -15,11 +15,11 @@ from onnx import helper
 from swarmdata.errors import SpecError
 from swarmdata.evaluation.leaderboard.entry import submit
 from swarmdata.evaluation.leaderboard.verify import verify
-from tests.evaluation.leaderboard.conftest import change_returns
+from tests.evaluation.leaderboard.conftest import change_metrics
 from tests.learn.deployment.test_onnx_policy import write
 from tests.support.onnx_files import with_last_nodes
 
-DATASET, N_EPISODES = "coop_nav-random-mini", 3
+DATASET, N_EPISODES = "coop_nav-random-mini", 4
 
 ABOUT: dict[str, Any] = {
     "name": "theirs", "license": "MIT", "code": "https://example.org", "trials": 1,
@@ -36,10 +36,11 @@ def test_it_is_verified_and_an_altered_one_is_rejected(tmp_path: Path) -> None:
     assert (found.algorithm, found.files[4]) == ("theirs", "policy-4.onnx")
     assert verify(entry, n_episodes=N_EPISODES).is_verified
     noise = np.random.default_rng(0).normal(0, 0.01, N_EPISODES)
-    change_returns(entry, noise)  # a little, as another runtime would
+    change_metrics(entry, noise, "return", "path_length")  # a little, as another runtime would
     assert verify(entry, n_episodes=N_EPISODES).is_verified
-    change_returns(entry, 50.0)
-    assert "of the reserved episodes" in verify(entry, n_episodes=N_EPISODES).reasons[0]
+    change_metrics(entry, 50.0, "return")
+    (reason,) = verify(entry, n_episodes=N_EPISODES).reasons
+    assert reason.startswith("its return is +50 off on average")
 
 
 @pytest.mark.slow

@@ -1,11 +1,12 @@
 """Entries of a leaderboard: honest ones are verified, forged ones are rejected with the reason."""
 
 import json
+import re
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from shutil import copytree
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -36,7 +37,8 @@ from swarmdata.registry.published import published  # noqa: E402
 from swarmdata.registry.recipes import find_recipe  # noqa: E402
 from swarmdata.runtime.batches import Failures  # noqa: E402
 from swarmdata.specs.origins import task_of  # noqa: E402
-from tests.evaluation.leaderboard.conftest import change_returns  # noqa: E402
+from swarmdata.types import Double  # noqa: E402
+from tests.evaluation.leaderboard.conftest import change_metrics  # noqa: E402
 from tests.support.command_line import run  # noqa: E402
 
 DATASET, N_SEEDS, N_EPISODES = "coop_nav-random-mini-v1", 5, 4
@@ -87,6 +89,22 @@ def forged(honest: Path, tmp_path: Path) -> Path:
     return copytree(honest, tmp_path / "entry")
 
 
+class Tables(NamedTuple):
+    """What was evaluated, [K, E], and results whose metrics can be replaced."""
+
+    metrics: dict[str, Double]
+    results: list[Result]
+
+    def claims(self, **changes: Double) -> list[Result]:
+        """Results that claim the metrics, or others."""
+        said = self.metrics | changes
+        seeds = np.arange(self.metrics["return"].shape[1], dtype=np.uint64)
+        rows = ({name: values[k] for name, values in said.items()} for k in range(N_SEEDS))
+        evaluations = (replace(self.results[0].evaluation, seeds=seeds, metrics=r) for r in rows)
+        found = zip(self.results, evaluations, strict=True)
+        return [replace(each, evaluation=evaluation) for each, evaluation in found]
+
+
 def change(file: Path, **changes: Any) -> None:
     file.write_text(json.dumps(json.loads(file.read_text()) | changes))
 
@@ -110,9 +128,48 @@ def test_another_interpreter_finds_the_same(honest: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
 def test_returns_that_were_altered_are_rejected(forged: Path) -> None:
-    change_returns(forged, 1.0)
+    change_metrics(forged, 1.0, "return", "path_length")
     verdict = verify(forged, n_episodes=N_EPISODES)
     assert "0.0% of the reserved episodes" in verdict.reasons[0]
+
+
+def change_result(entry: Path, index: int, **changes: Any) -> None:
+    """Changes metrics of one policy: to what a function makes of them, [E]."""
+    for file in (entry / "results").iterdir():
+        document = json.loads(file.read_text())
+        if document["provenance"]["index"] == index:
+            metrics = document["metrics"]
+            metrics |= {name: edit(np.array(metrics[name])) for name, edit in changes.items()}
+            file.write_text(json.dumps(document))
+
+
+def with_first(value: float) -> Any:
+    return lambda old: [value, *old[1:].tolist()]
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("forked")
+def test_one_value_that_rounding_does_not_explain_is_rejected(forged: Path) -> None:
+    """The robots drove as it says; the message names the value."""
+    change_result(forged, 2, **{"return": with_first(9.0)})
+    change_result(forged, 3, robot_collisions=with_first(77.0))
+    one, two = verify(forged, n_episodes=N_EPISODES).reasons[-2:]
+    assert "its return differs in 1 of 20 episodes" in one
+    assert f"policy 2 (training seed None) in the episode of seed {EVALUATION_BASE}" in one
+    assert "return 9 claimed, " in one
+    assert "robot_collisions 77 claimed, " in two
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("algorithm", "iql"), ("dataset", "coop_nav-expert-v1"), ("run", "../mine")]
+)
+def test_results_said_to_be_of_others_are_rejected(forged: Path, name: str, value: str) -> None:
+    file = next((forged / "results").iterdir())
+    document = json.loads(file.read_text())
+    document["provenance"][name] = value
+    file.write_text(json.dumps(document))
+    (reason,) = verify(forged, n_episodes=N_EPISODES).reasons
+    assert f"has {name} '{value}', expected" in reason
 
 
 @pytest.mark.slow
@@ -170,20 +227,76 @@ def test_results_of_other_episodes_are_rejected(honest: Path) -> None:
     assert "first 3 reserved" in verify(honest, n_episodes=3).reasons[0]
 
 
-def test_policies_chosen_on_the_reserved_episodes_are_rejected(honest: Path) -> None:
-    """Returns of five seeds that are a little better there, on 400 episodes."""
+@pytest.fixture
+def tables(honest: Path) -> Tables:
+    """Honest evaluations of five policies on 1,000 episodes, and the results that claim them."""
     rng = np.random.default_rng(0)
-    reserved, fresh = rng.normal(0, 1, (2, N_SEEDS, 400))
-    one = load_result(next((honest / "results").iterdir()))
+    solved = (rng.random((N_SEEDS, 1000)) < 0.7).astype(np.float64)
+    metrics = {
+        "return": rng.normal(0, 1, solved.shape) + 8 * solved,
+        "success": solved,
+        "robot_collisions": rng.poisson(0.4, solved.shape).astype(np.float64),
+        "time_to_goal": np.where(solved, rng.uniform(2, 9, solved.shape), np.nan),
+        "path_length": rng.uniform(2, 9, solved.shape),
+    }
+    files = (honest / "results").iterdir()
+    return Tables(metrics, sorted(map(load_result, files), key=lambda r: r.provenance.index))
 
-    def claims(returns: Any) -> list[Result]:
-        evaluations = (replace(one.evaluation, metrics={"return": each}) for each in returns)
-        return [replace(one, evaluation=each) for each in evaluations]
 
-    assert _compared(claims(reserved), reserved, fresh).is_verified
-    error = np.sqrt((reserved.mean(0).var() + fresh.mean(0).var()) / 400)
-    better = reserved + (FARTHEST + 2) * error
-    assert "was chosen on the reserved ones" in _compared(claims(better), better, fresh).reasons[0]
+def test_policies_chosen_on_the_reserved_episodes_are_rejected(tables: Tables) -> None:
+    """Returns of five seeds that are a little better there."""
+    fresh = {"return": np.random.default_rng(1).permuted(tables.metrics["return"], axis=1)}
+    assert _compared(tables.claims(), tables.metrics, fresh).is_verified
+    returns = tables.metrics["return"]
+    error = np.sqrt((returns.mean(0).var() + fresh["return"].mean(0).var()) / 1000)
+    better = {"return": returns + (FARTHEST + 2) * error}
+    verdict = _compared(tables.claims(**better), tables.metrics | better, fresh)
+    (reason,) = verdict.reasons
+    assert "was chosen on the reserved ones" in reason
+
+
+ROUNDED = 30
+"""Episodes of each policy that end otherwise on another processor, of 1,000."""
+
+
+def test_rounding_is_allowed_and_what_was_evaluated_is_published(tables: Tables) -> None:
+    """Episodes that went otherwise, in both directions, one of them with an impossible return."""
+    again = {name: values.copy() for name, values in tables.metrics.items()}
+    for values in again.values():
+        values[:, :ROUNDED] = values[:, -ROUNDED:]  # of other episodes
+    again["return"][0, 0] = 900.0
+    verdict = _compared(tables.claims(**again), tables.metrics, tables.metrics)
+    assert verdict.reasons == ()
+    assert verdict.equal == pytest.approx(1 - ROUNDED / 1000)
+    for k, result in enumerate(verdict.results):
+        for name, values in tables.metrics.items():
+            np.testing.assert_array_equal(result.evaluation.metrics[name], values[k])
+
+
+@pytest.mark.parametrize("is_onnx", [False, True])
+@pytest.mark.parametrize("hides_it", [False, True])
+def test_worst_episodes_that_were_bettered_are_rejected(
+    tables: Tables, *, hides_it: bool, is_onnx: bool
+) -> None:
+    """40 of 1,000, fewer than rounding may change; a path that was altered too does not help."""
+    said = {name: values.copy() for name, values in tables.metrics.items()}
+    for k, worst in enumerate(np.argsort(said["return"], axis=1)[:, :40]):
+        said["return"][k, worst] = 7.0
+        said["path_length"][k, worst] += 1e-9 * hides_it
+    claims = tables.claims(**said)
+    (reason,) = _compared(claims, tables.metrics, tables.metrics, is_onnx=is_onnx).reasons
+    assert ("off on average" if hides_it else "differs in 200 of 5,000 episodes") in reason
+    lowest = tables.metrics["return"].min()
+    assert f"return 7 claimed, {lowest:.6g} evaluated" in reason
+
+
+def test_claims_of_success_and_of_no_collisions_are_rejected(tables: Tables) -> None:
+    said = {"success": np.ones((N_SEEDS, 1000)), "robot_collisions": np.zeros((N_SEEDS, 1000))}
+    reasons = _compared(tables.claims(**said), tables.metrics, tables.metrics).reasons
+    assert "of the reserved episodes ended with the metrics that it says" in reasons[0]
+    for name, reason in zip(said, reasons[1:], strict=True):
+        assert f"its {name} differs in" in reason
+    assert "success 1 claimed, 0 evaluated" in reasons[1]
 
 
 def test_fresh_seeds_follow_from_the_policies(honest: Path) -> None:
@@ -216,12 +329,18 @@ def test_runs_on_other_data_make_no_entry(tiny: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("forked")
-def test_the_catalogue_shows_verified_entries_and_names_the_others(
+def test_the_catalogue_shows_what_was_evaluated_and_names_rejected_entries(
     honest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("good", "bad"):
         copytree(honest, tmp_path / name)
     change(tmp_path / "bad" / "entry.json", digest="0" * 64)
+    metrics = [load_result(file).evaluation.metrics for file in (honest / "results").iterdir()]
+    hidden = {"path_length": lambda old: [old[0] + 1e-9, *old[1:]]}  # as if rounded
+    change_result(tmp_path / "good", 2, **hidden, **{"return": with_first(9000.0)})
+    file = next((tmp_path / "good" / "results").iterdir())
+    other = file.read_text().replace('"mine"', '"other"')
+    file.with_name("other.json").write_text(re.sub(r'"content":"\w+"', '"content":null', other))
     short = partial(verify, n_episodes=N_EPISODES)
     monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.verify", short)
     failures = Failures(1)
@@ -230,6 +349,10 @@ def test_the_catalogue_shows_verified_entries_and_names_the_others(
     assert "rejected: its dataset has digest 000000000000" in reason
     page = results_page(boards(sources), sources, frozenset()).body
     assert "good (verified)" in page
-    assert "mine" in page
+    (source,) = sources
+    (outcome,) = source.outcomes
+    assert outcome.label == "mine"
+    mean = np.mean([each["return"] for each in metrics])
+    assert outcome.estimates["return"].value == pytest.approx(mean)  # not what was claimed
     with pytest.raises(DatasetNotFoundError, match="no entries"):
         entry_sources(tmp_path / "good", Failures(1))

@@ -157,6 +157,24 @@ def test_who_is_better_by_how_much() -> None:
     assert "paired by episode" in table.caption
 
 
+def test_without_collisions_a_small_budget_is_not_yet_kept() -> None:
+    made = result(n=60)
+    none = dict.fromkeys(("robot_collisions", "obstacle_collisions"), np.zeros(60))
+    metrics = {**made.evaluation.metrics, **none}
+    (case,) = group_results(
+        [replace(made, evaluation=replace(made.evaluation, metrics=metrics))]
+    ).cases
+    for name in none:
+        value, low, high = cells(case_table(case), "bc")[name]
+        assert value == low == 0.0
+        assert high == pytest.approx(3.689 / 60, rel=1e-3)
+    for budget, is_kept in ((0.05, False), (0.07, True)):
+        table = budget_table(case, {"robot_collisions": budget})
+        value, low, high = cells(table, "bc")["robot_collisions_over_budget"]
+        assert value == low == -budget
+        assert (high <= 0.0) == is_kept
+
+
 def test_a_budget_is_kept_or_not() -> None:
     made = result(n=40)
     (case,) = group_results([made]).cases

@@ -34,6 +34,15 @@ def test_two_drives_in_one_file_are_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "dataset").exists()
 
 
+def test_headings_that_are_rather_degrees_need_a_unit(tmp_path: Path) -> None:
+    logs = each(pose={"heading": {"column": "yaw"}})
+    with pytest.raises(ConversionError, match=r"pose of anna run from .* `unit: deg`, or"):
+        make(tmp_path, drive(10.0), each=logs)
+    assert not (tmp_path / "dataset").exists()
+    turned = each(pose={"heading": {"column": "yaw", "unit": "rad"}})
+    assert len(make(tmp_path, drive(10.0), each=turned)) > 0
+
+
 def disordered(n: int) -> dict[str, np.ndarray]:
     """A drive, of which so many rows, 20 a second, run backwards."""
     order = np.arange(200)

@@ -45,7 +45,7 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
     """V(s) = 100 episode + 10 time: a bootstrap across an end would be off by 60 or more."""
     learner = made(discount=0.5, return_std=2.0)
 
-    def value(utilities: Tensor, choices: Tensor, states: Tensor, mixer: Any = None) -> Tensor:
+    def value(utilities: Tensor, choices: Tensor, states: Tensor, alive: Any, mixer: Any) -> Tensor:
         v = 100 * states[..., 0] + 10 * states[..., 1]
         return torch.stack([v - 1, v + 1], 1)  # the mean of both networks counts
 

@@ -114,6 +114,21 @@ def test_rows_come_from_the_last_batches_that_hold_one_of_effective_rows() -> No
         assert numbers == set(range(4 * max(0, n - 2), 4 * n + 4))
 
 
+def test_rows_of_robots_that_have_left_are_not_drawn_and_do_not_count() -> None:
+    advantages = torch.tensor([[[9.0, 0.0], [1.0, 0.0], [9.0, 1.0], [2.0, 0.0]]])
+    alive = torch.tensor([[[False, True], [True, True], [False, True], [True, True]]])
+    rows, shares = ScoredRows(1.0, generators([0], "cpu")), []
+    rows.add(numbered(10), advantages, alive)
+    for _ in range(20):
+        actions, _, beta = rows.draw(seen, 1e3)
+        assert set(actions[:, :, 0].flatten().int().tolist()) <= {11, 13}
+        shares.append(beta)
+    assert max(shares) < 1e-2  # all rows but two are to count alike
+    nobody = torch.zeros(1, 4, 2, dtype=torch.bool)
+    rows.add(numbered(20), advantages, nobody)
+    assert torch.isfinite(rows.draw(seen, 1.0)[0]).all()
+
+
 def test_actions_and_outputs_are_of_the_same_rows_and_of_each_robot_s_own() -> None:
     rows = ScoredRows(0.1, generators([0], "cpu"))
     advantages = torch.full((1, 4, 2), -1e3)

@@ -318,7 +318,7 @@ def test_batches_hold_what_the_algorithm_declares(
     monkeypatch.delattr(kind, "FIELDS")
     run("bc", tmp_path / "all")
     assert_same_files(tmp_path / "all", tmp_path / "declared")
-    recorded = {f.name for f in fields(Batch)} - {"alive", "agent_terminations"}
+    recorded = {f.name for f in fields(Batch)} - {"alive", "next_alive", "agent_terminations"}
     assert all(names == recorded for names in seen)
 
 

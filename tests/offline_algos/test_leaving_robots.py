@@ -1,0 +1,125 @@
+"""No algorithm learns from rows of agents that have left."""
+
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box, Discrete
+from pettingzoo import ParallelEnv
+
+import swarmdata
+from swarmdata.registry.components import OFFLINE_ALGORITHMS
+from tests.support.pairs import slow
+
+GOOD, N_STEPS, N_LEFT = 0.8, 20, 3  # what both agents do; `second` leaves after 3 steps
+SMALL = {"n_updates": 300, "batch_size": 64}
+BY_VALUE_ALONE = {"matd3"}  # imitates nobody
+NEEDS_EVENTS = {"iql_cost"}
+
+
+class Leaving(ParallelEnv):  # type: ignore[misc]
+    """Two agents whose observations hardly say whether they are there."""
+
+    metadata: ClassVar = {"name": "leaving_v0"}
+    render_mode = None
+
+    def __init__(self, space: Box | Discrete) -> None:
+        self.possible_agents = ["first", "second"]
+        self.space, self.taken = space, {name: list[float]() for name in self.possible_agents}
+
+    def observation_space(self, agent: str) -> Box:
+        return Box(-1, 1, (2,), np.float32)
+
+    def action_space(self, agent: str) -> Box | Discrete:
+        return self.space
+
+    def reset(self, seed: int | None = None, options: Any = None) -> Any:
+        self.rng, self.time, self.agents = np.random.default_rng(seed), 0, [*self.possible_agents]
+        return self.see(), {name: {} for name in self.agents}
+
+    def see(self) -> dict[str, Any]:
+        return {name: np.array([0, self.rng.random() < 0.1], np.float32) for name in self.agents}
+
+    def step(self, actions: dict[str, Any]) -> Any:
+        self.time += 1
+        for name, action in actions.items():
+            self.taken[name].append(float(np.ravel(action)[0]))
+        rewards = {name: -abs(self.taken[name][-1] - GOOD) for name in actions}
+        ends = {name: name == "second" and self.time == N_LEFT for name in actions}
+        cuts = {name: self.time == N_STEPS and not ends[name] for name in actions}
+        seen = self.see()
+        self.agents = [name for name in self.agents if not (ends[name] or cuts[name])]
+        return seen, rewards, ends, cuts, {name: {} for name in seen}
+
+
+def recorded(folder: Path, space: Box | Discrete) -> swarmdata.Dataset:
+    rng = np.random.default_rng(0)
+    with swarmdata.Recorder(Leaving(space), id="leaving_v0-mine-v0", path=folder) as recorder:
+        for _ in range(40):
+            recorder.reset()
+            while recorder.agents:
+                if isinstance(space, Discrete):
+                    recorder.step(dict.fromkeys(recorder.agents, 2))
+                    continue
+                drawn = {name: rng.normal(GOOD, 0.05, 1) for name in recorder.agents}
+                recorder.step({k: v.clip(-1, 1).astype(np.float32) for k, v in drawn.items()})
+    return recorder.close()
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> swarmdata.Dataset:
+    return recorded(tmp_path_factory.mktemp("leaving") / "data", Box(-1, 1, (1,), np.float32))
+
+
+def played(
+    algorithm: str, data: swarmdata.Dataset, folder: Path, env: Leaving, **changes: Any
+) -> float:
+    """Mean action of the agent that leaves, by the policy that an algorithm learns."""
+    (policy,) = swarmdata.train(
+        algorithm, data.path, folder, n_seeds=1, changes=SMALL | changes, progress=False
+    )
+    seeds = swarmdata.foreign_evaluation_seeds(8)
+    spec: Any = data.spec
+    swarmdata.evaluate_parallel(policy, lambda: env, spec, seeds)
+    return float(np.mean(env.taken["second"]))
+
+
+FAST = ("bc", "iql", "maddpg_bc", "vdn", "bc_flow")
+ALL = sorted(set(OFFLINE_ALGORITHMS) - BY_VALUE_ALONE - NEEDS_EVENTS)
+
+
+@pytest.mark.parametrize("algorithm", [*FAST, *slow(*(each for each in ALL if each not in FAST))])
+def test_agents_that_leave_do_not_learn_to_rest(
+    algorithm: str, data: swarmdata.Dataset, tmp_path: Path
+) -> None:
+    env = Leaving(Box(-1, 1, (1,), np.float32))
+    assert played(algorithm, data, tmp_path / "run", env) == pytest.approx(GOOD, abs=0.25)
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "changes"),
+    [
+        ("bc", {}),
+        ("vdn", {"regulariser": "bcq"}),
+        pytest.param("iql", {}, marks=pytest.mark.slow),
+        pytest.param("vdn", {"regulariser": "cql"}, marks=pytest.mark.slow),
+        pytest.param("qmix", {"regulariser": "bc"}, marks=pytest.mark.slow),
+    ],
+)
+def test_neither_do_those_that_choose(
+    algorithm: str, changes: dict[str, Any], tmp_path: Path
+) -> None:
+    data = recorded(tmp_path / "data", Discrete(3))
+    env = Leaving(Discrete(3))
+    assert played(algorithm, data, tmp_path / "run", env, **changes) == pytest.approx(2, abs=0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["bc", "iql", "vdn"])
+def test_neither_do_those_that_remember(
+    algorithm: str, data: swarmdata.Dataset, tmp_path: Path
+) -> None:
+    env = Leaving(Box(-1, 1, (1,), np.float32))
+    found = played(algorithm, data, tmp_path / "run", env, memory="gru")
+    assert found == pytest.approx(GOOD, abs=0.25)
