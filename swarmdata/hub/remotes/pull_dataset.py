@@ -77,7 +77,7 @@ def pull(
                 total=sum(entry.size for entry in manifest.files.values()),
                 unit="B",
                 unit_scale=True,
-                disable=None if progress else True,  # None: hidden where there is no terminal
+                disable=not progress,
             ) as bar:
                 _fetch_all(remote, release, manifest, scratch, bar)
             _publish(manifest, scratch, whole)

@@ -232,7 +232,10 @@ def test_markers_cut(tmp_path: Path, logs: list[Path]) -> None:
         ({"each": each(time="stamp")}, r"anna\.csv has no column 'stamp'"),
         ({"each": each(rows={"x": 77})}, "no row has 77 in column 'x'"),
         ({"each": each(pose={"heading": {"column": "yaw", "unit": "m"}})}, "a unit of angle"),
-        ({"each": each(pose={"heading": "yaw", "frame": "odom"})}, "in the frame 'odom', and no"),
+        (
+            {"each": each(pose={**MAP["each"]["pose"], "frame": "odom"})},
+            "in the frame 'odom', and no",
+        ),
         ({"max_gap": 0.01, "dt": 0.03}, "pose known at"),
     ],
 )  # fmt: skip
