@@ -16,7 +16,7 @@ from swarmdata.datasets.views import View
 from swarmdata.errors import MissingFileError, SchemaError, check_type
 from swarmdata.registry.published import Reference
 from swarmdata.specs.model_choice import Source, chosen_models
-from swarmdata.specs.origins import SideSpec
+from swarmdata.specs.origins import RecordedSpec, SideSpec
 from swarmdata.specs.rules import changed_weights
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import StoredDataset, open_store
@@ -305,15 +305,17 @@ class Dataset(View[Sampler]):
 
         Args:
             array: `observations`, `states`, `actions`, `reward_terms`, `events`, `sent` or
-                `layout`; those of a reobservation are of its models.
-            agent: whose actions; only teams of different robots need it.
+                `layout`; those of a reobservation are of its models. Of a recording or of logs
+                `observations` or `actions`, which have names and bounds alone.
+            agent: whose columns; only teams of different robots need it.
 
         Raises:
             UnknownNameError: no such array has columns.
             SchemaError: there is no such agent.
-            SpecError: the dataset is of another environment, which names none; `spec.agents` has
-                the spaces.
+            SpecError: another package defines the task, which is not installed.
         """
+        if isinstance(self.spec, RecordedSpec):
+            return self.spec.columns(array, agent)
         from swarmdata.registry.components import make_task  # noqa: PLC0415  (the task's code)
         from swarmdata.store.arrays.column_meanings import columns_of  # noqa: PLC0415
 

@@ -17,7 +17,7 @@ from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.action_scaling import action_scale
 from swarmdata.specs.origins import RecordedSpec, SideSpec
 from swarmdata.specs.origins.log_map import Motion
-from swarmdata.specs.spaces import DictSpace, Space, TupleSpace, width
+from swarmdata.specs.spaces import column_names, width
 from swarmdata.specs.task_spec import TaskSpec
 
 SUFFIXES = (".onnx", ".py")  # of files that a policy can become
@@ -57,7 +57,7 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     if seed not in seeds:
         raise SpecError(f"{name} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
     if isinstance(spec, RecordedSpec):
-        features = [_columns(agent.observation, "") for agent in spec.agents]
+        features = [column_names(agent.observation) for agent in spec.agents]
     else:
         task = spec.whole if isinstance(spec, SideSpec) else spec
         features = [[each.name for each in features_of(make_task(task))]] * spec.n_agents
@@ -86,21 +86,6 @@ def _trained(name: str) -> tuple[Trainable, Sequence[Policy], Sequence[Provenanc
             return RecordedSpec.parse(found.spec, name), found.policies(), found.provenances
     target = find_target(name)
     return target.spec, target.policies, target.provenances
-
-
-def _columns(space: Space, name: str) -> list[str]:
-    """Names of a space's numbers: `pose.0` to `pose.3`, `goal_known`."""
-    match space:
-        case DictSpace():
-            parts = {key: space.spaces[key] for key in sorted(space.spaces)}
-        case TupleSpace():
-            parts = {str(k): part for k, part in enumerate(space.spaces)}
-        case _ if width(space) == 1 and name:
-            return [name]
-        case _:
-            return [f"{name}.{k}".removeprefix(".") for k in range(width(space))]
-    named = ((f"{name}.{key}".removeprefix("."), part) for key, part in parts.items())
-    return [column for each, part in named for column in _columns(part, each)]
 
 
 def _commands(spec: Trainable) -> dict[str, Any]:

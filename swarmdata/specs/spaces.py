@@ -232,6 +232,21 @@ def bounds(space: Space) -> tuple[Double, Double]:
     return np.concatenate([empty, *lows]), np.concatenate([empty, *highs])
 
 
+def column_names(space: Space, name: str = "") -> list[str]:
+    """Names of the columns of a space called `name`: `pose.0` to `pose.3`, `goal_known`."""
+    match space:
+        case DictSpace():
+            parts = {key: space.spaces[key] for key in sorted(space.spaces)}
+        case TupleSpace():
+            parts = {str(k): part for k, part in enumerate(space.spaces)}
+        case _ if width(space) == 1 and name:
+            return [name]
+        case _:
+            return [f"{name}.{k}".removeprefix(".") for k in range(width(space))]
+    named = ((f"{name}.{key}".removeprefix("."), part) for key, part in parts.items())
+    return [column for each, part in named for column in column_names(part, each)]
+
+
 class Limits(NamedTuple):
     """What the numbers of several agents may be, [N, most columns]; padding is 0."""
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import swarmdata
-from swarmdata.errors import PolicyFitError, SpecError
+from swarmdata.errors import PolicyFitError, SchemaError, SpecError, UnknownNameError
 from swarmdata.interop.exported_policies import _commands, export_policy
 from swarmdata.registry.presets import preset
 from swarmdata.specs.action_scaling import action_scale
@@ -120,3 +120,19 @@ def test_a_policy_of_one_side_drives_its_robots(tmp_path: Path) -> None:
     ):
         found = runner.command(runner.act(dict(zip(runner.features, row.tolist(), strict=True))))
         np.testing.assert_allclose(found, expected[0] * robot.max_speed, rtol=0, atol=1e-6)
+
+
+def test_columns_of_logs_are_those_of_exported_policies(
+    logged: tuple[swarmdata.Dataset, Path, Any], tmp_path: Path
+) -> None:
+    dataset, run, _ = logged
+    path = export_policy(run, tmp_path / "policy.py")
+    for number, name in enumerate(("anna", "bert")):
+        columns = dataset.columns("observations", number)
+        assert [column.name for column in columns] == Runner(str(path), name).features
+    (v, omega) = dataset.columns("actions")
+    assert ((v.low, v.high), (omega.low, omega.high)) == ((-0.5, 0.5), (-1, 1))
+    with pytest.raises(UnknownNameError, match="array with columns 'states'"):
+        dataset.columns("states")
+    with pytest.raises(SchemaError, match="agent 2 of 2"):
+        dataset.columns("actions", 2)

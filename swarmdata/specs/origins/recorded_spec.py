@@ -1,12 +1,15 @@
 """RecordedSpec, an environment of another library: its name and its spaces."""
 
+from math import isfinite
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.specs.frozen import Frozen, Positive
 from swarmdata.specs.plain_names import Name, Text, repeated
-from swarmdata.specs.spaces import Space, is_continuous, width
+from swarmdata.specs.spaces import Space, bounds, column_names, is_continuous, width
+from swarmdata.types import Column
 
 MAX_COLUMNS = 1 << 24
 """Most numbers in a state, an observation or an action of a recorded environment."""
@@ -54,6 +57,30 @@ class RecordedSpec(Frozen):
         if empty := [name for name, size in sizes.items() if not size]:
             raise ValueError(f"no agent has a number in its {' or '.join(empty)}, expected some")
         return self
+
+    def columns(self, array: str, agent: int) -> tuple[Column, ...]:
+        """The columns of an agent's rows of `observations` or `actions`, without the padding.
+
+        Raises:
+            UnknownNameError: another array, whose columns the environment does not name.
+            SchemaError: there is no such agent.
+        """
+        if not 0 <= agent < self.n_agents:
+            raise SchemaError(
+                f"agent {agent} of {self.n_agents}, expected 0 to {self.n_agents - 1}"
+            )
+        own = self.agents[agent]
+        spaces = {"observations": own.observation, "actions": own.action}
+        if array not in spaces:
+            raise UnknownNameError("array with columns", array, spaces)
+        lows, highs = (
+            [x if isfinite(x) else None for x in each.tolist()] for each in bounds(spaces[array])
+        )
+        meaning = f"as {self.task} has it"
+        return tuple(
+            Column(name, meaning, low=low, high=high)
+            for name, low, high in zip(column_names(spaces[array]), lows, highs, strict=True)
+        )
 
     @property
     def n_agents(self) -> int:
