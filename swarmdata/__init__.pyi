@@ -50,6 +50,7 @@ from swarmdata.registry.components import (
 )
 from swarmdata.registry.presets import preset as preset, preset_names as preset_names
 from swarmdata.registry.published import Reference as Reference
+from swarmdata.rollouts.estimate import estimate as estimate
 from swarmdata.rollouts.evaluate import evaluate as evaluate
 from swarmdata.rollouts.function_policy import FunctionPolicy as FunctionPolicy
 from swarmdata.rollouts.rollout import rollout as rollout

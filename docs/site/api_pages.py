@@ -25,7 +25,7 @@ GROUPS = {
     "learning": (
         "Training and evaluation",
         ("train", "train_online", "evaluate", "EvalResult", "Result", "Provenance", "save_result",
-         "read_results", "tune"),
+         "estimate", "read_results", "tune"),
     ),
     "making": (
         "Making datasets",

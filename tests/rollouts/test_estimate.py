@@ -1,0 +1,64 @@
+"""Estimates of results: as in tables, paired, and refused where nothing can be compared."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import swarmdata
+from swarmdata.errors import SchemaError, UnknownNameError
+from swarmdata.rollouts.score_intervals import count_interval, mean_interval, rate_interval
+from swarmdata.types import Double, EvalResult
+
+RANDOM = np.random.default_rng(3)
+HARD = RANDOM.normal(size=40)  # what an episode does to every policy
+
+
+def result(policy: str, shift: float = 0.0, **metrics: Double) -> EvalResult:
+    known: dict[str, Double] = {
+        "return": HARD + shift + 0.01 * RANDOM.normal(size=40),
+        "success": (HARD > 0).astype(float),
+        "robot_collisions": np.zeros(40),
+    }
+    return EvalResult(
+        policy, "coop_nav", "a" * 64, np.arange(40, dtype=np.uint64), {**known, **metrics}
+    )
+
+
+def test_each_kind_of_metric_has_the_interval_of_tables() -> None:
+    runs = [result("a"), result("a", 0.5)]
+    values = {name: np.stack([run.metrics[name] for run in runs]) for name in runs[0].metrics}
+    assert swarmdata.estimate(runs) == mean_interval(values["return"])
+    assert swarmdata.estimate(runs, "success") == rate_interval(values["success"])
+    collisions = swarmdata.estimate(runs, "robot_collisions")
+    assert collisions == count_interval(values["robot_collisions"])
+    assert collisions.high > 0
+    assert swarmdata.estimate(runs[0]) == swarmdata.estimate(runs[:1])
+
+
+def test_differences_are_paired_by_episode() -> None:
+    better, worse = result("b", 0.1), result("w")
+    alone = swarmdata.estimate(better)
+    found = swarmdata.estimate(better, minus=worse)
+    assert found.value == pytest.approx(0.1, abs=0.01)
+    assert found.low > 0.08
+    assert alone.high - alone.low > 0.3
+
+
+def test_what_cannot_be_estimated_is_refused() -> None:
+    own, other = result("a"), replace(result("b"), spec_hash="b" * 64)
+    fewer = replace(own, seeds=own.seeds + np.uint64(1))
+    with pytest.raises(UnknownNameError, match="Did you mean 'success'"):
+        swarmdata.estimate(own, "sucess")
+    for pair in (other, fewer):
+        with pytest.raises(SchemaError, match="different"):
+            swarmdata.estimate([own, pair])
+        with pytest.raises(SchemaError, match="different"):
+            swarmdata.estimate(own, minus=pair)
+    undefined = result("a", time_to_goal=np.where(HARD > 0, 1.0, np.nan))
+    with pytest.raises(SchemaError, match=r"time_to_goal is undefined in \d+ of 40 episodes"):
+        swarmdata.estimate(undefined, "time_to_goal")
+    with pytest.raises(SchemaError, match="there are no results"):
+        swarmdata.estimate([])
+    with pytest.raises(SchemaError, match="expected what swarmdata"):
+        swarmdata.estimate(["runs/bc"])  # type: ignore[list-item]
