@@ -1,11 +1,11 @@
 """The pages of all worlds: how reference policies perform in every preset."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from swarmdata.cards.references import LESS_COORDINATED, gap_section
 from swarmdata.drawing.markdown import table
 from swarmdata.registry.presets import preset, preset_names
-from swarmdata.registry.published import TaskReferences
+from swarmdata.registry.published import REFERENCE_OPPONENTS, TaskReferences, side_specs
 from swarmdata.specs.rules import rules_model
 
 FIGURES = (
@@ -54,14 +54,28 @@ def worlds_pages(known: Mapping[str, TaskReferences]) -> dict[str, str]:
     for task, names in tasks.items():
         teams = (*rules_model(task).naive_teams, *INDEX_POLICIES)
         rows = [
-            [f"[`{name}`]({task}.md#{name})", *_success(known.get(name), teams)] for name in names
+            [f"[`{name}`]({task}.md#{name}){side and f', {side}'}", *_success(entry, teams)]
+            for name in names
+            for side, entry in _tables(name, known).items()
         ]
         index += f"\n## {task}\n\n{table(['preset', *teams], rows, is_numeric=True)}"
-        sections = (f"\n## `{name}`\n\n{preset_figures(name, known.get(name))}" for name in names)
+        sections = (f"\n## `{name}`\n\n{preset_figures(name, known)}" for name in names)
         meanings = {**LESS_COORDINATED, **rules_model(task).naive_teams}
         listed = "".join(f"- `{name}`: {meaning}\n" for name, meaning in meanings.items())
         pages[f"{task}.md"] = TASK_HEAD.format(task=task, teams=listed) + "".join(sections)
     return {"README.md": index, **pages}
+
+
+def _tables(name: str, known: Mapping[str, TaskReferences]) -> dict[str, TaskReferences | None]:
+    """The references of a preset, or of each of its sides by its name; None: not measured."""
+    spec = preset(name)
+    sides = {side: (f"{name}-{side}", each.hash()) for side, each in side_specs(spec).items()}
+    wanted = sides or {"": (name, spec.hash())}
+    found = {side: (known.get(key), spec_hash) for side, (key, spec_hash) in wanted.items()}
+    return {
+        side: entry if entry is not None and entry.spec_hash == spec_hash else None
+        for side, (entry, spec_hash) in found.items()
+    }
 
 
 def _success(entry: TaskReferences | None, teams: Sequence[str]) -> list[str]:
@@ -75,8 +89,11 @@ def _success(entry: TaskReferences | None, teams: Sequence[str]) -> list[str]:
     return shares
 
 
-def preset_figures(name: str, entry: TaskReferences | None) -> str:
-    """Returns a preset in one line and the table of its reference policies, if any, as Markdown."""
+def preset_figures(name: str, known: Mapping[str, TaskReferences]) -> str:
+    """Returns a preset in one line and the tables of its reference policies in `known`, Markdown.
+
+    In a preset of several sides, each has a table.
+    """
     spec = preset(name)
     robots = ", ".join(f"{role.count} x {role.name}" for role in spec.team)
     share = spec.rules.rewards.team_share
@@ -85,12 +102,22 @@ def preset_figures(name: str, entry: TaskReferences | None) -> str:
         f"{robots}; {spec.arena.width:g} m x {spec.arena.height:g} m; "
         f"{spec.horizon * spec.control_dt:g} s.{shared}\n\n"
     )
-    if entry is None or entry.spec_hash != spec.hash():
-        return f"{head}This version of the preset was not measured.\n"
+    tables = (
+        f"{side and f'The {side}, against the {REFERENCE_OPPONENTS} others:'}\n\n"
+        f"{_figures(entry, spec.rules.naive_teams)}"
+        for side, entry in _tables(name, known).items()
+    )
+    return head + "\n".join(tables).lstrip()
+
+
+def _figures(entry: TaskReferences | None, naive_teams: Collection[str]) -> str:
+    """The table of reference policies and that of gaps."""
+    if entry is None:
+        return "This version of the preset was not measured.\n"
     score = [] if entry.reference is None else ["score"]
     rows = [_row(policy, entry) for policy in POLICY_ORDER if policy in entry.policies]
     figures = table(["policy", *score, *FIGURES], rows, is_numeric=True)
-    return head + figures + gap_section(entry, spec.rules.naive_teams)
+    return figures + gap_section(entry, naive_teams)
 
 
 def _row(policy: str, entry: TaskReferences) -> list[str]:

@@ -1,10 +1,12 @@
 """CardData: what a card is made from, with statistics of the arrays on fixed samples."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from swarmdata.analysis.coverage import N_ROWS, Coverage, coverage, sample_steps
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.registry.published import TaskReferences, references_of
 from swarmdata.runtime.mapped_pages import take_rows
@@ -55,6 +57,8 @@ class CardData:
     log_probs: dict[int, LogProbabilities] | None  # by policy index; None: not recorded
     references: TaskReferences | None
     has_task_rewards: bool
+    sides: Mapping[str, EpisodeTable] = field(default_factory=dict)
+    """The episodes of each side by its name, in a task of several."""
 
 
 def card_data_of(stored: StoredDataset) -> CardData:
@@ -66,6 +70,7 @@ def card_data_of(stored: StoredDataset) -> CardData:
         SpecError: it was recorded in another environment.
     """
     spec = task_of(stored.recipe, "a card of a task")
+    sides = [side.name for side in spec.sides] if len(spec.sides) > 1 else []
     return CardData(
         stored.manifest,
         stored.recipe,
@@ -74,4 +79,5 @@ def card_data_of(stored: StoredDataset) -> CardData:
         _log_probs(stored),
         references_of(spec.hash()),
         has_task_rewards(stored),
+        {side: Dataset.open(stored.path, verify="none").side(side).episodes for side in sides},
     )

@@ -85,6 +85,9 @@ def statistics_section(data: CardData, picture: str | None) -> str:
         ("robot collisions per episode", f"{table.robot_collisions.mean():.3f}"),
         ("obstacle collisions per episode", f"{table.obstacle_collisions.mean():.3f}"),
     ]
+    for side, own in data.sides.items():
+        rows.append((f"return of {side}, mean", f"{own.team_return.mean():.3f}"))
+        rows.append((f"success of {side}", percent(own.success)))
     for code, reason in enumerate(TASK_END_REASONS):
         rows.append((f"ended by {reason}", percent(table.end_reason == code)))
     shown = "Returns, episode lengths, visited places, commands and four episodes"

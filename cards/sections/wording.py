@@ -86,8 +86,8 @@ COMMON_LIMITS = (
     "An episode ends for the whole team at once; no robot leaves or joins.",
     "States contain the targets: use them for training and analysis, not as inputs of deployed "
     "policies.",
-    "All robots of a team follow the same policy throughout an episode; policies are never mixed "
-    "within a team.",
+    "All robots of a {group} follow the same policy throughout an episode; policies are never "
+    "mixed within a {group}.",
     "Bodies in contact overlap: by less than 2 mm in the median, robots and obstacles by less than "
     "3 mm and a payload by less than 5 mm at most, since a physics step ends where bodies begin to "
     "overlap. Robots in contact may exceed `max_speed` by up to 17 %.",
@@ -150,4 +150,6 @@ TIER_LIMITS = MappingProxyType(
 
 def limits_of(spec: TaskSpec, tier: str) -> tuple[str, ...]:
     """The known limits of data of a task and a tier."""
-    return (*COMMON_LIMITS, *spec.rules.card_limits, *TIER_LIMITS.get(tier, ()))
+    group = "team" if len(spec.sides) == 1 else "side"
+    common = (each.format(group=group) for each in COMMON_LIMITS)
+    return (*common, *spec.rules.card_limits, *TIER_LIMITS.get(tier, ()))

@@ -138,7 +138,7 @@ a state has {len(state_columns(task))}. An episode has at most {spec.horizon} st
 
 ## Reference policies
 
-{preset_figures(name, references().get(name))}
+{preset_figures(name, references())}
 ## Datasets
 
 {found}

@@ -7,7 +7,8 @@
 - mixed-conventions: the last policies of runs that were trained to keep to one side.
 
 All are measured on validation seeds, by exact inference, as the datasets run them. Runs may have
-another team size than the datasets; their policies are used without further training.
+another team size than the datasets; their policies are used without further training. Runs for one
+side of a task are measured against the scripted others, and the success is that of the side.
 """
 
 import hashlib
@@ -15,7 +16,7 @@ import json
 import os
 import shutil
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -37,9 +38,11 @@ from swarmdata.learn.training.run_files import (
 )
 from swarmdata.online_algos.runs.export_policy import action_error, export
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
+from swarmdata.registry.published import REFERENCE_OPPONENTS
 from swarmdata.runtime.atomic import write_file
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 
 INDEX = "index.json"
@@ -66,7 +69,8 @@ class Chosen(NamedTuple):
     """A checkpoint that goes into the package."""
 
     tier: str
-    policy: int  # number of the independent run
+    side: str | None  # that it plays, in a task of several
+    policy: int  # number of the independent run, of those of this side
     frames: int
     share: float  # part of the training until medium that it represents; 1 for other tiers
     noise: float | None  # standard deviation in its training; None for the tier's own
@@ -79,9 +83,18 @@ def read_curve(seed: Seed) -> list[dict[str, float]]:
     return [row for row in read_table(seed.folder / CURVE) if row["seed"] == seed.seed]
 
 
-def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen | None:
+def played_by(seed: Seed, spec: TaskSpec) -> TaskSpec | SideSpec:
+    """What the policies of a seed are measured in: the task, or the side they were trained for."""
+    trained = read_online_run(seed.folder).spec
+    if isinstance(trained, SideSpec):
+        return SideSpec(whole=spec, side=trained.side, opponents=REFERENCE_OPPONENTS)
+    return spec
+
+
+def find_medium(seed: Seed, task: TaskSpec, work: Path) -> Chosen | None:
     """Returns the first checkpoint in `MEDIUM_SUCCESS` by the margin, None if the seed has none."""
     low, high = MEDIUM_SUCCESS[0] + SELECTION_MARGIN, MEDIUM_SUCCESS[1] - SELECTION_MARGIN
+    spec = played_by(seed, task)
     is_other_spec = read_online_run(seed.folder).spec != spec
     for row in read_curve(seed):
         frames = int(row["frames"])
@@ -96,9 +109,9 @@ def find_medium(seed: Seed, spec: TaskSpec, work: Path) -> Chosen | None:
     return None
 
 
-def replay_of(seed: Seed, medium: Chosen, spec: TaskSpec, work: Path) -> Iterator[Chosen]:
+def replay_of(seed: Seed, medium: Chosen, task: TaskSpec, work: Path) -> Iterator[Chosen]:
     """Yields the policies in the middle of `N_REPLAY_POLICIES` equal parts of the way to medium."""
-    rows = read_curve(seed)
+    rows, spec = read_curve(seed), played_by(seed, task)
     saved = np.array(saved_frames(*seed))
     for part in range(N_REPLAY_POLICIES):
         wanted = medium.frames * (part + 0.5) / N_REPLAY_POLICIES
@@ -109,13 +122,13 @@ def replay_of(seed: Seed, medium: Chosen, spec: TaskSpec, work: Path) -> Iterato
         yield chosen._replace(policy=medium.policy, share=1 / N_REPLAY_POLICIES, noise=float(noise))
 
 
-def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
+def last_of(seed: Seed, task: TaskSpec, work: Path) -> Chosen:
     """Returns the last policy of a finished run, with the error of exact inference.
 
     Raises:
         BuildError: the run is not finished.
     """
-    path = last_policy_path(*seed)
+    path, spec = last_policy_path(*seed), played_by(seed, task)
     wanted = read_online_run(seed.folder).n_steps
     if int(path.stem) < wanted:
         raise BuildError(
@@ -131,14 +144,29 @@ def last_of(seed: Seed, spec: TaskSpec, work: Path) -> Chosen:
 
 
 def _measured(
-    tier: str, seed: Seed, frames: int, spec: TaskSpec, work: Path, n_episodes: int = N_EPISODES
+    tier: str,
+    seed: Seed,
+    frames: int,
+    spec: TaskSpec | SideSpec,
+    work: Path,
+    n_episodes: int = N_EPISODES,
 ) -> Chosen:
     run = hashlib.sha256(str(seed.folder.resolve()).encode()).hexdigest()[:12]
     file = work / f"{run}-{seed.seed}-{frames}.safetensors"
     if not file.exists():
         export(policy_path(seed.folder, seed.seed, frames), file, spec.n_agents)
-    figures = measure(own_actor(file, spec), spec, n_episodes)
-    return Chosen(tier, 0, frames, 1.0, None, figures, file)
+    side = spec.side if isinstance(spec, SideSpec) else None
+    opponents = None if side is None else REFERENCE_OPPONENTS
+    figures = measure(own_actor(file, spec), spec, n_episodes, opponents=opponents)
+    return Chosen(tier, side, 0, frames, 1.0, None, figures, file)
+
+
+def _numbered(found: Iterable[Chosen]) -> Iterator[Chosen]:
+    """Numbers the runs of each side."""
+    numbers = Counter[str | None]()
+    for each in found:
+        yield each._replace(policy=numbers[each.side])
+        numbers[each.side] += 1
 
 
 def ship(
@@ -164,28 +192,26 @@ def ship(
 
     Raises:
         OutputError: the folder has files that the index does not list, in the place of new ones.
-        BuildError: no seed has a medium, an expert's run is not finished, or a policy cannot be run
-            exactly.
+        BuildError: no seed has a medium, an expert's run is not finished, a policy cannot be run
+            exactly, or a tier has no policies for one of several sides.
     """
     check_marked(folder, INDEX, "folder of checkpoints")
     with TemporaryDirectory(prefix="swarmdata-ship-") as scratch:
         work = Path(scratch)
         chosen = []
         found = [(seed, find_medium(seed, spec, work)) for seed in mediums]
-        reached = [(seed, medium) for seed, medium in found if medium is not None]
+        reached = {seed: medium for seed, medium in found if medium is not None}
         if mediums and not reached:
             raise BuildError(
                 f"none of {len(mediums)} seeds has a checkpoint with a team success in "
                 f"{MEDIUM_SUCCESS}; train them longer, or with more checkpoints"
             )
-        for number, (seed, medium) in enumerate(reached):
-            numbered = medium._replace(policy=number)
-            chosen += [numbered, *replay_of(seed, numbered, spec, work)]
-        for number, seed in enumerate(experts):
-            chosen.append(last_of(seed, spec, work)._replace(policy=number))
-        for number, seed in enumerate(conventions):
-            kept = last_of(seed, spec, work)
-            chosen.append(kept._replace(tier="mixed-conventions", policy=number))
+        for seed, medium in zip(reached, _numbered(reached.values()), strict=True):
+            chosen += [medium, *replay_of(seed, medium, spec, work)]
+        chosen += _numbered(last_of(seed, spec, work) for seed in experts)
+        kept = _numbered(last_of(seed, spec, work) for seed in conventions)
+        chosen += [each._replace(tier="mixed-conventions") for each in kept]
+        _check_sides(chosen, spec)
         index = folder / INDEX
         with locked(index, shown=False):
             table = json.loads(index.read_text(encoding="utf-8")) if index.exists() else {}
@@ -199,14 +225,26 @@ def ship(
     return entry
 
 
+def _check_sides(chosen: Sequence[Chosen], spec: TaskSpec) -> None:
+    """Refuses tiers that lack policies of a side: BuildError."""
+    wanted = {side.name for side in spec.sides} if len(spec.sides) > 1 else {None}
+    for tier in {each.tier for each in chosen}:
+        if missing := wanted - {each.side for each in chosen if each.tier == tier}:
+            raise BuildError(
+                f"the tier {tier} has no policies for {', '.join(map(str, missing))} of "
+                f"{spec.task}. Name runs of every side in the same command"
+            )
+
+
 def _install(
     chosen: Sequence[Chosen], name: str, folder: Path, known: Collection[str]
 ) -> dict[str, list[dict[str, Any]]]:
     """Copies files under their names in the package, over `known` ones; returns their entries."""
     numbers, targets = Counter[str](), list[Path]()
     for each in chosen:
-        targets.append(folder / f"{name}-{each.tier}-{numbers[each.tier]}.safetensors")
-        numbers[each.tier] += 1
+        stem = "-".join(part for part in (name, each.side, each.tier) if part is not None)
+        targets.append(folder / f"{stem}-{numbers[stem]}.safetensors")
+        numbers[stem] += 1
     for target in targets:
         if os.path.lexists(target) and target.name not in known:
             raise OutputError(
@@ -224,5 +262,6 @@ def _install(
             "share": each.share,
             "figures": each.figures,
         }
-        tier.append(about if each.noise is None else about | {"noise": each.noise})
+        optional = {"side": each.side, "noise": each.noise}
+        tier.append(about | {key: value for key, value in optional.items() if value is not None})
     return entry

@@ -357,18 +357,18 @@ def references(
 ) -> None:
     """Measure the reference policies of tasks.
 
-    Their results are the scale of the score; the package has them in cards/references.json.
+    Their results are the scale of the score; the package has them in cards/references.json. In
+    tasks of several sides, each side plays against the scripted others.
     """
-    from swarmdata.evaluation.results.target_evaluation import measure_references
+    from swarmdata.evaluation.results.target_evaluation import reference_tables
     from swarmdata.hub.publishing.regenerate import put_entries
     from swarmdata.runtime.batches import Failures
 
     failures = Failures(len(tasks))
     for task in tasks:
         with failures.item(task):
-            table = measure_references(task, episodes, backend=backend)
-            name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
-            entries = {name: asdict(table)}
+            found = reference_tables(task, episodes, backend)
+            entries = {name: asdict(table) for name, table in found.items()}
             if out is None:
                 typer.echo(json.dumps(entries, indent=1, sort_keys=True, allow_nan=False))
             else:

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Self, TypeVar
 from swarmdata.errors import SchemaError
 
 if TYPE_CHECKING:
-    from swarmdata.specs.origins import Origin
+    from swarmdata.specs.origins import Origin, SideSpec
+    from swarmdata.specs.task_spec import TaskSpec
     from swarmdata.types import Double
 
 Returns = TypeVar("Returns", float, "Double")
@@ -213,6 +214,24 @@ def references_of(spec_hash: str) -> TaskReferences | None:
     start = text.rindex('\n "', 0, at)  # of the entry: keys of no other level are indented by one
     entry, _ = json.JSONDecoder().raw_decode(text, text.index("{", start))
     return TaskReferences.parse(entry)
+
+
+REFERENCE_OPPONENTS = "scripted"
+"""Who plays the other sides where the references of a side are measured."""
+
+
+def side_specs(spec: "TaskSpec") -> dict[str, "SideSpec"]:
+    """What the references of each side of a task are of, by its name; none if it has one side."""
+    from swarmdata.specs.origins import SideSpec  # noqa: PLC0415  (rarely needed)
+
+    names = [side.name for side in spec.sides] if len(spec.sides) > 1 else []
+    return {name: SideSpec(whole=spec, side=name, opponents=REFERENCE_OPPONENTS) for name in names}
+
+
+def side_references(spec: "TaskSpec") -> dict[str, TaskReferences]:
+    """The references of each side of a task that has several, by its name, where measured."""
+    found = {name: references_of(side.hash()) for name, side in side_specs(spec).items()}
+    return {name: known for name, known in found.items() if known is not None}
 
 
 @cache

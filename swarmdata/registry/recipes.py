@@ -1,8 +1,9 @@
 """The recipes of the shipped datasets: for each outline, the policies and their shares."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from itertools import product
 from typing import Annotated
 
 from pydantic import Field
@@ -22,7 +23,7 @@ from swarmdata.registry.tiers import (
     outlines,
 )
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
-from swarmdata.specs.plain_names import without_version
+from swarmdata.specs.plain_names import Label, without_version
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -36,6 +37,7 @@ class Checkpoint(Frozen):
     sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     frames: Annotated[int, Field(ge=1)]  # joint steps of training
     policy: Annotated[int, Field(ge=0)]  # index of the independent training run
+    side: Label | None = None  # that it plays, in a task of several
     share: Positive  # of the steps up to medium that it stands for in a replay; 1 elsewhere
     noise: NonNegative | None = None  # standard deviation in training; None for the tier's
     figures: dict[str, float]  # means over the validation episodes
@@ -53,6 +55,9 @@ def sources(
 ) -> tuple[PolicySource, ...]:
     """Returns the policies of one ingredient of a tier; none if the preset does not have it.
 
+    In a task of several sides, every policy of one plays each of the others; in a replay, those of
+    equal progress play each other.
+
     Args:
         family: a preset's name.
         ingredient: a registered scripted policy, a tier of the index, or `two-conventions`, which
@@ -69,8 +74,29 @@ def sources(
             PolicySource(label=each, name="scripted", noise=std, convention=each)
             for each in FAMILY_SPECS[family].rules.conventions
         )
+    found = checkpoints(family, ingredient)
+    if all(each.side is None for each in found):
+        return side_sources(family, ingredient, None, noise, default)
+    sides = [side.name for side in FAMILY_SPECS[family].sides]
+    seats = [side_sources(family, ingredient, side, noise, default) for side in sides]
+    teams = zip(*seats, strict=False) if ingredient == "medium-replay" else product(*seats)
+    return tuple(against(team, sides, f"{ingredient}-{k}") for k, team in enumerate(teams))
+
+
+def side_sources(
+    family: str,
+    ingredient: str,
+    side: str | None,
+    noise: float | None = None,
+    default: float = ACTION_NOISE_STD,
+) -> tuple[PolicySource, ...]:
+    """Returns the checkpoints of a tier that play a side; None: those of a task that has one side.
+
+    `noise` and `default` are those of `sources`.
+    """
     found = []
-    for index, checkpoint in enumerate(checkpoints(family, ingredient)):
+    known = (each for each in checkpoints(family, ingredient) if each.side == side)
+    for index, checkpoint in enumerate(known):
         recorded = default if checkpoint.noise is None else checkpoint.noise
         source = PolicySource(
             label=f"{ingredient}-{index}",
@@ -84,12 +110,24 @@ def sources(
     return tuple(found)
 
 
+def against(team: Iterable[PolicySource], sides: Iterable[str], label: str) -> PolicySource:
+    """Makes one policy of those that play the sides, with the share of the first."""
+    first, *others = team
+    _, *names = sides
+    opponents = tuple(
+        each.model_copy(update={"label": name, "share": 1.0})
+        for name, each in zip(names, others, strict=True)
+    )
+    return first.model_copy(update={"label": label, "opponents": opponents})
+
+
 def _weight(family: str, ingredient: str, checkpoint: Checkpoint) -> float:
     """Weight of a checkpoint in its group: in a replay, the training steps that it stands for."""
     if ingredient != "medium-replay":
         return checkpoint.share
+    run = (checkpoint.side, checkpoint.policy)
     mediums = checkpoints(family, "medium")
-    frames = [each.frames for each in mediums if each.policy == checkpoint.policy]
+    frames = [each.frames for each in mediums if (each.side, each.policy) == run]
     if len(frames) != 1:
         raise BuildError(
             f"checkpoint {checkpoint.file} is of run {checkpoint.policy} of {family}, which has "

@@ -21,7 +21,7 @@ N_STEPS, MINI_STEPS = 1_000_000, 50_000
 LEARNED_FAMILIES = (
     "coop_nav", "formation", "transport", "warehouse", "coop_nav-n8", "formation-n8",
     "intersection", "search", "pursuit", "coop_nav-corridor-strict", "robotarium",
-    "coop_nav-swap-strict", "warehouse-n8", "coop_nav-mixed", "search-lift", "coop_nav-n16",
+    "coop_nav-swap-strict", "warehouse-n8", "coop_nav-mixed", "search-lift", "coop_nav-n16", "tag",
 )  # fmt: skip
 """Presets that have policies of their own."""
 

@@ -26,15 +26,17 @@ def episode_seeds(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
     return derive(recipe.seed, policy, episodes) & np.uint64(EVALUATION_BASE - 1)
 
 
-def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None = None) -> Policy:
+def make_source_policy(
+    source: PolicySource, spec: TaskSpec | SideSpec, folder: Path | None = None
+) -> Policy:
     """Builds a behavior policy as the recipe states it, noise included.
 
     Args:
         source: one of the recipe's policies.
-        spec: the task.
+        spec: the task; or the side that a policy without opponents plays.
         folder: the dataset's folder, which may contain checkpoints; None: only the package's.
     """
-    if source.opponents:
+    if source.opponents and isinstance(spec, TaskSpec):
         seats = dict(zip((side.name for side in spec.sides), source.acting, strict=True))
         own = [name for name, each in seats.items() if each.checkpoint is not None]
         task = {name: SideSpec(whole=spec, side=name) if name in own else spec for name in seats}

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
-from swarmdata.evaluation.runs.named_policies import find_opponents, open_run
+from swarmdata.evaluation.runs.named_policies import find_opponents, open_run, tier_of_side
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.interfaces import Policy
@@ -31,7 +31,7 @@ from swarmdata.runtime.outside_names import is_folder, looks_like_path
 from swarmdata.runtime.own_components import defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, SideSpec, task_of
-from swarmdata.specs.recipe import who_acts
+from swarmdata.specs.recipe import PolicySource, who_acts
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.recognition import is_dataset as is_dataset_folder
@@ -111,10 +111,10 @@ def find_target(
         communication: communication model, such as `lossy-30`, likewise.
         backend: simulator, such as `mujoco`, likewise.
         randomization: ranges from which episodes draw, such as {"mass": (1, 2)}, likewise.
-        side: the side that a registered policy plays, in a task of several; runs that were trained
-            for a side play that.
-        opponents: who plays the other sides: a registered policy, or a run that was trained for
-            another side, of which the first seed plays.
+        side: the side that a registered policy or a tier plays, in a task of several; runs that
+            were trained for a side play that.
+        opponents: who plays the other sides: a registered policy; a tier, or a run that was trained
+            for another side, whose first policy plays.
 
     Raises:
         UnknownNameError: nothing has that name, or there is no such simulator.
@@ -131,7 +131,7 @@ def find_target(
     if (run := find_run(name)) is not None:
         return _run_target(open_run(run), side, opponents, task, choose)
     is_registered = name in checkpoint_free_policies()
-    if not is_registered:
+    if not is_registered and name not in TRAINED_TIERS:
         _refuse_sides(name, side, opponents)
     if is_dataset(name):
         check_no_task(name, task)
@@ -148,8 +148,7 @@ def find_target(
         return _registered_target(name, spec, side, opponents)
     if name in TRAINED_TIERS and (found := sources(task, name, 0.0)):
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=True)
-        policies = tuple(make_source_policy(source, spec) for source in found)
-        return Target(spec, policies, _numbered(name, [source.sha256 for source in found]))
+        return _tier_target(name, found, spec, side, opponents)
     raise _unknown(name, task)
 
 
@@ -256,7 +255,7 @@ def _side_run_target(
             f"{task}; leave the task (--task) out"
         )
     spec = _evaluation_spec(str(folder), trained.whole, choose, is_fixed=True)
-    return _on_side(spec, trained.side, found.policies(), opponents, found.provenances)
+    return _on_side(spec, trained.side, opponents, found.policies(), found.provenances)
 
 
 def _registered_target(
@@ -266,20 +265,51 @@ def _registered_target(
     provenances = (Provenance(label=name),)
     if side is None and opponents is None:
         return Target(spec, (make_policy(name, spec),), provenances)
+    seat = _both(name, spec, side, opponents)
+    return _on_side(spec, *seat, (name,), provenances)
+
+
+def _tier_target(
+    name: str,
+    teams: Sequence[PolicySource],
+    spec: TaskSpec,
+    side: str | None,
+    opponents: str | None,
+) -> Target:
+    """The teams of a tier; or its policies that play a side, each against the opponents."""
+    if side is None and opponents is None:
+        policies = tuple(make_source_policy(each, spec) for each in teams)
+        return Target(spec, policies, _numbered(name, [_content(each) for each in teams]))
+    side, opponents = _both(name, spec, side, opponents)
+    found = tier_of_side(name, side, spec)
+    players = [make_source_policy(each, SideSpec(whole=spec, side=side)) for each in found]
+    provenances = _numbered(name, [each.sha256 for each in found])
+    return _on_side(spec, side, opponents, players, provenances)
+
+
+def _content(team: PolicySource) -> str | None:
+    """The digest of a checkpoint, or of those of all sides."""
+    if not team.opponents:
+        return team.sha256
+    return hashlib.sha256("".join(str(each.sha256) for each in team.acting).encode()).hexdigest()
+
+
+def _both(name: str, spec: TaskSpec, side: str | None, opponents: str | None) -> tuple[str, str]:
+    """The side that a policy plays, and who plays the others; SpecError without one of them."""
     if side is None or opponents is None:
         raise SpecError(
             f"got side (--side) {side!r} and opponents (--opponents) {opponents!r} for {name}, "
             "expected both: it plays one side, and they the others"
         )
     spec.side(side)
-    return _on_side(spec, side, (name,), opponents, provenances)
+    return side, opponents
 
 
 def _on_side(
     spec: TaskSpec,
     side: str,
-    policies: Sequence[Policy | str],
     opponents: str,
+    policies: Sequence[Policy | str],
     provenances: tuple[Provenance, ...],
 ) -> Target:
     """Policies that play one side, each against the opponents."""

@@ -24,7 +24,7 @@ from swarmdata.registry.published import (
 )
 from swarmdata.registry.recipes import FAMILY_SPECS
 from swarmdata.specs.model_choice import is_same_world, with_models
-from swarmdata.specs.origins import Spec
+from swarmdata.specs.origins import SideSpec, Spec
 from swarmdata.store import open_store
 from swarmdata.store.publication import figures_of
 from swarmdata.types import Double, shortened
@@ -265,13 +265,17 @@ def reference_of(spec: Spec) -> Reference | None:
     """Returns the reference of the score: of the spec, else of the headline spec of its world.
 
     Policies that observe less, act in another simulator or with randomization are on the scale of
-    the headline spec, so that the loss is visible.
+    the headline spec, so that the loss is visible. A side is on the scale of its references against
+    the same opponents.
     """
-    if spec.world is None:
+    task = spec.whole if isinstance(spec, SideSpec) else spec.world
+    if task is None:
         return None
-    usual = with_models(spec.world, backend="pymunk", randomization={})
-    worlds = [known for known in FAMILY_SPECS.values() if is_same_world(known, usual)]
-    found = (references_of(each.hash()) for each in (spec, usual, *worlds))
+    usual = with_models(task, backend="pymunk", randomization={})
+    worlds = [task, usual, *(each for each in FAMILY_SPECS.values() if is_same_world(each, usual))]
+    sides = isinstance(spec, SideSpec)
+    measured = (spec.model_copy(update={"whole": each}) if sides else each for each in worlds)
+    found = (references_of(each.hash()) for each in measured)
     known: TaskReferences | None = next((each for each in found if each is not None), None)
     return None if known is None else known.reference
 

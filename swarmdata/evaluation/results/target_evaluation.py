@@ -15,7 +15,7 @@ from swarmdata.evaluation.results.result_files import (
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.published import TaskReferences
+from swarmdata.registry.published import REFERENCE_OPPONENTS, TaskReferences
 from swarmdata.registry.recipes import sources
 from swarmdata.registry.tiers import TIERS
 from swarmdata.rollouts.evaluate import evaluate
@@ -99,8 +99,14 @@ def kept_result(spec: Spec, provenance: Provenance, seeds: Seeds, out: Path) -> 
     return found if is_same else None
 
 
-def reference_teams(task: str, spec: TaskSpec) -> list[str]:
-    """`REFERENCE_POLICIES` and naive teams that a preset or a file has: tiers need checkpoints."""
+def reference_teams(task: str, spec: TaskSpec, side: str | None = None) -> list[str]:
+    """`REFERENCE_POLICIES` and naive teams that a preset or a file has: tiers need checkpoints.
+
+    Those that leave out coordination, and naive teams, are of the first side.
+    """
+    if side not in (None, spec.sides[0].name):
+        names = [name for name in REFERENCE_POLICIES if name not in LESS_COORDINATED]
+        return [name for name in names if name not in TIERS or sources(task, name)]
     is_silent = spec.communication.kind == "none"
     return [
         name
@@ -115,15 +121,17 @@ def measure_references(
     n_episodes: int,
     names: Sequence[str] | None = None,
     *,
+    side: str | None = None,
     backend: str | None = None,
     progress: bool = True,
 ) -> TaskReferences:
-    """Evaluates the reference policies of a task.
+    """Evaluates the reference policies of a task, or of a side of it against the scripted others.
 
     Args:
         task: a preset's name, or a spec file.
         n_episodes: number of reserved seeds, from the first.
         names: of the policies and tiers; None: the `reference_teams`.
+        side: that they play; None: all sides.
         backend: simulator; None: that of the task.
         progress: whether to show progress bars.
 
@@ -132,9 +140,11 @@ def measure_references(
         SpecError: the file is not a spec.
     """
     spec = find_spec(task)
-    available = reference_teams(task, spec) if names is None else names
+    available = reference_teams(task, spec, side) if names is None else names
+    opponents = None if side is None else REFERENCE_OPPONENTS
     results: dict[str, list[EvalResult]] = {}
-    for target in (find_target(name, task, backend=backend) for name in available):
+    for name in available:
+        target = find_target(name, task, backend=backend, side=side, opponents=opponents)
         measured = evaluate_target(target, n_episodes, progress=progress)
         found = [each.evaluation for each in measured]
         results[target.label] = found
@@ -142,3 +152,17 @@ def measure_references(
             results |= {f"{target.label}-{index}": [each] for index, each in enumerate(found)}
     naive_teams = tuple(spec.rules.naive_teams)
     return summarize(results, with_models(spec, backend=backend).backend, naive_teams)
+
+
+def reference_tables(
+    task: str, n_episodes: int, backend: str | None = None
+) -> dict[str, TaskReferences]:
+    """Measures the references of a task of one side, or those of each of its sides, by name."""
+    name = Path(task).stem if backend is None else f"{Path(task).stem}-{backend}"
+    sides = [side.name for side in find_spec(task).sides]
+    if len(sides) == 1:
+        return {name: measure_references(task, n_episodes, backend=backend)}
+    return {
+        f"{name}-{side}": measure_references(task, n_episodes, side=side, backend=backend)
+        for side in sides
+    }

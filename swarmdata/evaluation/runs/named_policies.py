@@ -15,7 +15,7 @@ from swarmdata.learn.training.run_files import find_run
 from swarmdata.registry.components import POLICIES, checkpoint_free_policies, policy_class
 from swarmdata.registry.components import make_policy as make_registered
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.recipes import FAMILY_SPECS, sources
+from swarmdata.registry.recipes import FAMILY_SPECS, against, side_sources, sources
 from swarmdata.registry.tiers import TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
@@ -60,8 +60,8 @@ def behaviors_of(
     """Returns the behavior policies that a name means, one for each seed of a run.
 
     Args:
-        name: as `generate` takes it; or a registered policy or a run for each side of the task,
-            such as `tag-greedy,runs/evader`.
+        name: as `generate` takes it; or a registered policy, a tier or a run for each side of the
+            task, such as `tag-greedy,runs/evader`.
         share: of the joint steps, which the policies have in equal parts.
         spec: the task.
         noise: of actions; policies that take none, such as `random`, act without.
@@ -99,14 +99,10 @@ def _of_sides(names: str, spec: TaskSpec, noise: float, folder: Path) -> Iterato
         )
     seats = [_of_side(*pair, spec, noise, folder) for pair in zip(sides, each, strict=True)]
     for team in product(*seats):
-        labels = [behavior.source.label for behavior in team]
-        first, *others = (
-            behavior.source.model_copy(update={"label": side})
-            for side, behavior in zip(sides, team, strict=True)
-        )
+        playing = [behavior.source for behavior in team]
         errors = [behavior.error for behavior in team if behavior.error is not None]
-        update = {"label": "-vs-".join(labels), "opponents": tuple(others)}
-        yield Behavior(first.model_copy(update=update), max(errors, default=None))
+        label = "-vs-".join(each.label for each in playing)
+        yield Behavior(against(playing, sides, label), max(errors, default=None))
 
 
 def _of_side(
@@ -114,9 +110,9 @@ def _of_side(
 ) -> tuple[Behavior, ...]:
     """The policies that a name means for a side, one for each seed of a run."""
     if (run := find_run(name)) is None:
-        if name not in (known := checkpoint_free_policies()):
-            raise UnknownNameError("registered policy or run folder of a side", name, known)
-        return (Behavior(_registered(name, name, spec, noise)),)
+        if name in checkpoint_free_policies():
+            return (Behavior(_registered(name, name, spec, noise)),)
+        return tuple(map(Behavior, tier_of_side(name, side, spec, noise)))
     found = open_run(run)
     if found.side is None or (found.side.side, found.side.whole) != (side, spec):
         raise SpecError(
@@ -146,7 +142,7 @@ def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]
         UnknownNameError: the task has no such tier.
         SpecError: the name is one of a folder that holds no run.
     """
-    family = next((each for each, known in FAMILY_SPECS.items() if known == spec), None)
+    family = family_of(spec)
     trained = {tier for tier in TRAINED_TIERS if family is not None and sources(family, tier)}
     if family is not None and name in trained:
         return sources(family, name, noise)
@@ -157,6 +153,23 @@ def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]
             f"training run, or one of {', '.join(sorted(known))}."
         )
     raise UnknownNameError("policy, tier or run folder", name, known)
+
+
+def tier_of_side(
+    name: str, side: str, spec: TaskSpec, noise: float = 0.0
+) -> tuple[PolicySource, ...]:
+    """The policies of a tier that play a side; UnknownNameError if the task has none."""
+    family = family_of(spec)
+    if family is None or not (found := side_sources(family, name, side, noise)):
+        tiers = [each for each in TRAINED_TIERS if family and side_sources(family, each, side)]
+        known = {*checkpoint_free_policies(), *tiers}
+        raise UnknownNameError("registered policy, tier or run folder of a side", name, known)
+    return found
+
+
+def family_of(spec: TaskSpec) -> str | None:
+    """The preset with datasets that is this task."""
+    return next((each for each, known in FAMILY_SPECS.items() if known == spec), None)
 
 
 def _copies(
@@ -202,10 +215,11 @@ def _exact_copy(policy: Policy, spec: TaskSpec | SideSpec, path: Path) -> float 
 def find_opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
     """Who plays against a side, as `play_sides` takes it, and its name in results.
 
+    Of a run, the first seed plays; of a tier, the first policy.
+
     Raises:
         SpecError: the name is of a run for no other side of the task.
-        UnknownNameError: it is neither a registered policy nor a run folder; or there is no such
-            side.
+        UnknownNameError: it is no registered policy, tier or run folder; or there is no such side.
     """
     spec.side(side)
     if (run := find_run(name)) is not None:
@@ -218,9 +232,12 @@ def find_opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, 
             )
         first = found.provenances[0]
         return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
-    if name not in (known := checkpoint_free_policies()):
-        raise UnknownNameError("registered policy or run folder", name, known)
-    return name, name
+    if name in checkpoint_free_policies():
+        return name, name
+    played = next(each.name for each in spec.sides if each.name != side)
+    source = tier_of_side(name, played, spec)[0]
+    policy = make_source_policy(source, SideSpec(whole=spec, side=played))
+    return policy, f"{name}@{str(source.sha256)[:8]}"
 
 
 def make_policy(

@@ -356,7 +356,7 @@ def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Pat
     for words, arguments in refused:
         with pytest.raises(SpecError, match=words):
             find_target(run, **arguments)
-    with pytest.raises(UnknownNameError, match="unknown registered policy or run folder 'ilde'"):
+    with pytest.raises(UnknownNameError, match="tier or run folder of a side 'ilde'"):
         find_target(run, opponents="ilde")
     with pytest.raises(
         SpecError, match=r"got side \(--side\) 'evader' and opponents \(--opponents\) None for idle"
@@ -364,8 +364,10 @@ def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Pat
         find_target("idle", "tag", side="evader")
     with pytest.raises(SpecError, match="coop_nav has one side, got side 'evader'"):
         find_target("idle", side="evader", opponents="idle")
-    with pytest.raises(SpecError, match="expert is of a whole team and does not take opponents"):
-        find_target("expert", opponents="idle")
+    with pytest.raises(SpecError, match="coop_nav has one side, got side 'evader'"):
+        find_target("expert", side="evader", opponents="idle")
+    with pytest.raises(SpecError, match="coop_nav-medium is of a whole team and does not take"):
+        find_target("coop_nav-medium", opponents="idle")
     with pytest.raises(SpecError, match="was trained for the side pursuers of tag, and does not"):
         make_policy(run, TAG)
     with pytest.raises(SchemaError, match=r"has the rows of all sides .* bc learns for one"):
