@@ -5,17 +5,24 @@ import platform
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from importlib.metadata import version
+from typing import Any
 
 import numpy as np
 
 from swarmdata.drawing.markdown import table
 from swarmdata.errors import SchemaError
-from swarmdata.registry.published import GAP_METRICS, Interval, TaskReferences, references_of
+from swarmdata.registry.published import (
+    GAP_METRICS,
+    Interval,
+    TaskReferences,
+    references_of,
+    side_references,
+)
 from swarmdata.rollouts.evaluate import check_comparable
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.rollouts.score_statistics import bootstrap, mean
 from swarmdata.specs.origins import Spec
-from swarmdata.types import Double, EvalResult
+from swarmdata.types import Double, EvalResult, Metric
 
 BOOTSTRAP_SEED = 0
 
@@ -129,12 +136,23 @@ def _points(found: Interval, scale: float) -> str:
 def reference_bytes(spec: Spec) -> bytes | None:
     """Returns the file's content: the anchors of the score, and every metric of each policy.
 
-    None where no references were measured on exactly this spec.
+    In a task of several sides, those of each side by its name. None where no references were
+    measured on exactly this spec.
     """
-    known = references_of(spec.hash())
-    if known is None:
+    if spec.world is None:
         return None
-    content = {
+    names = metrics_of(spec.task)
+    known = references_of(spec.hash())
+    content = (
+        {side: _content(each, names) for side, each in side_references(spec.world).items()}
+        if known is None
+        else _content(known, names)
+    )
+    return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n" if content else None
+
+
+def _content(known: TaskReferences, names: Mapping[str, Metric]) -> dict[str, Any]:
+    return {
         "about": (
             f"The performance of reference policies in this task: means over {known.n_episodes} "
             "reserved evaluation episodes, policies without noise, with the low and high ends of "
@@ -152,8 +170,7 @@ def reference_bytes(spec: Spec) -> bytes | None:
         },
         "metrics": {
             name: {"unit": metric.unit, "better": metric.better, "meaning": metric.meaning}
-            for name, metric in metrics_of(spec.task).items()
+            for name, metric in names.items()
         },
         "policies": asdict(known)["policies"],
     }
-    return json.dumps(content, indent=1, allow_nan=False).encode() + b"\n"

@@ -7,11 +7,11 @@ The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the sam
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from swarmdata.errors import SpecError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import Robot
@@ -57,6 +57,9 @@ class Frame:
     holonomic: tuple[int, ...] = ()
     """The robots of a mixed team that are not unicycles."""
 
+    n_features: ClassVar[int | None] = None
+    """Of the observations that `find_frame` found it in; None: not known, of a frame in a file."""
+
     @property
     def n_added(self) -> int:
         """Number of features that `inputs` adds."""
@@ -78,11 +81,26 @@ class Frame:
 
     def fits(self, n_features: int) -> bool:
         """Whether all vectors of this frame are in observations with `n_features` features."""
+        return min(self._columns) >= 0 and max(self._columns) + 1 < n_features
+
+    @cached_property
+    def _columns(self) -> frozenset[int]:
+        """The x components that it reads; their y components follow."""
         first = {self.anchor, *self.vectors, *(k for pair in self.closing for k in pair)}
         first |= set() if self.heading == NO_HEADING else {self.heading}
         for position, own, other in self.heard:
             first |= {position, own} if other == NOT_SENT else {position, own, other}
-        return min(first) >= 0 and max(first) + 1 < n_features
+        return frozenset(first)
+
+    def check(self, observations: Float) -> None:
+        """Refuses observations of others than those that it turns, [..., O]: SchemaError."""
+        size = observations.shape[-1]
+        if not (self.fits(size) if self.n_features is None else size == self.n_features):
+            expected = self.n_features or f"at least {max(self._columns) + 2}"
+            raise SchemaError(
+                f"the frame turns observations of {expected} features, got {size}. Pass "
+                "swarmdata.frame_of(spec) of the spec that they are of, and turn them once"
+            )
 
     def turns(self, n_robots: int) -> Bool:
         """Whether each robot turns to the anchor, and its commands with it, [N]."""
@@ -106,6 +124,7 @@ class Frame:
         These are the observations with their vectors turned, the frame's x axis in the world, the
         closing speeds, and nearness (x, y) and closing speed of senders.
         """
+        self.check(observations)
         size = observations.shape[-1]
         out = np.empty((*observations.shape[:-1], size + self.n_added), np.float32)
         rows = np.ascontiguousarray(observations).reshape(-1, size)
@@ -244,6 +263,7 @@ def in_world(frame: Frame | None, observations: Float, actions: Double) -> Doubl
     """
     if frame is None:
         return actions
+    frame.check(observations)
     turned = np.array(actions, np.float64, order="C")
     rows = np.ascontiguousarray(observations).reshape(-1, observations.shape[-1])
     turns = frame.turns(observations.shape[-2])
@@ -322,7 +342,9 @@ def find_frame(
         )
     index = {feature.name: k for k, feature in enumerate(features)}
     heading = index.get(f"{HEADING}_x", NO_HEADING)
-    return Frame(found[0], vectors, _closing(index), _heard(index), heading, others)
+    frame = Frame(found[0], vectors, _closing(index), _heard(index), heading, others)
+    object.__setattr__(frame, "n_features", len(features))  # no field: networks have it in files
+    return frame
 
 
 def _closing(index: Mapping[str, int]) -> tuple[tuple[int, int], ...]:

@@ -4,6 +4,7 @@ import pytest
 
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, out_of_band
 from swarmdata.registry.tiers import FAMILIES
+from tests.support.measured import reference_specs
 
 GOOD = {
     "idle": {"return": -5.0},
@@ -18,10 +19,13 @@ def changed(policy: str, metric: str, value: float) -> dict[str, dict[str, float
     return {**GOOD, policy: {**GOOD[policy], metric: value}}
 
 
-@pytest.mark.parametrize("family", FAMILIES)
-def test_good_figures_pass_everywhere(family: str) -> None:
-    assert family in EXPERT_AT_LEAST
-    assert out_of_band(family, GOOD) == ()
+def test_every_preset_with_datasets_has_bands() -> None:
+    assert set(EXPERT_AT_LEAST) == {name for each in FAMILIES for name in reference_specs(each)}
+
+
+@pytest.mark.parametrize("name", EXPERT_AT_LEAST)
+def test_good_figures_pass_everywhere(name: str) -> None:
+    assert out_of_band(name, GOOD) == ()
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from swarmdata.errors import SpecError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.perception.frames import HEARING_RANGE, Frame, find_frame, in_world, natural_anchor
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
@@ -235,6 +236,26 @@ def test_the_frame_of_a_heading_turns_what_unicycles_see_but_not_their_commands(
         in_world(frame, observations, actions.astype(np.float64)),
     ):
         np.testing.assert_array_equal(same, actions)
+
+
+@pytest.mark.parametrize("extra", [-1, 16])
+def test_other_observations_are_refused(extra: int) -> None:
+    """The kernels read and write by the columns of a frame: these were outside of the arrays."""
+    seen = np.zeros((2, 4, len(FEATURES) + extra), np.float32)
+    refused = f"observations of {len(FEATURES)} features, got {seen.shape[-1]}"
+    with pytest.raises(SchemaError, match=refused):
+        FRAME.inputs(seen)
+    with pytest.raises(SchemaError, match=refused):
+        in_world(FRAME, seen, np.zeros((2, 4, 2)))
+
+
+def test_a_frame_in_a_file_needs_its_columns() -> None:
+    stored = replace(FRAME)
+    assert stored == FRAME
+    assert stored.n_features is None
+    stored.check(np.zeros((1, 4, len(FEATURES) + 1), np.float32))
+    with pytest.raises(SchemaError, match=r"of at least \d+ features, got 3"):
+        stored.inputs(np.zeros((1, 4, 3), np.float32))
 
 
 @pytest.mark.parametrize(

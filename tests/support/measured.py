@@ -11,10 +11,10 @@ from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import Interval, TaskReferences, published
+from swarmdata.registry.published import Interval, TaskReferences, published, side_specs
 from swarmdata.rollouts.metrics import metrics_of
 from swarmdata.rollouts.score_statistics import Estimate
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec
+from swarmdata.specs.origins import RecordedAgent, RecordedSpec, SideSpec
 from swarmdata.specs.spaces import BoxSpace
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
@@ -48,6 +48,13 @@ def evaluation(
     values["clean_success"] = (np.arange(n) % 4 > 1).astype(np.float64)
     values["time_to_goal"] = np.where(values["success"] > 0, 6.0, np.nan)
     return EvalResult(label, spec.task, spec.hash(), evaluation_seeds(n), values)
+
+
+def reference_specs(family: str) -> dict[str, TaskSpec | SideSpec]:
+    """What the references of a preset are of, by their names: the task, or each of its sides."""
+    spec = preset(family)
+    sides = side_specs(spec).items()
+    return {f"{family}-{side}": each for side, each in sides} if sides else {family: spec}
 
 
 def references_at(spec_hash: str, **returns: float) -> TaskReferences:

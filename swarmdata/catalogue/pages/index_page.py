@@ -62,6 +62,11 @@ QUESTIONS = (
         "robots that ignore each other solve nothing",
     ),
     (
+        "play against others?",
+        ("tag-medium-replay", "tag-expert"),
+        "three pursuers and an evader, with learned policies on both sides",
+    ),
+    (
         "learn to use messages?",
         ("search-lift-expert", "search-lift-medium-expert"),
         "without messages, robots seldom agree on the next victim",
