@@ -110,7 +110,7 @@ class UnknownNameError(SwarmdataError, KeyError):
     """No task, preset, policy or dataset has this name; the message lists the nearest names."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str], hint: str = "") -> None:
-        options = sorted(known)
+        options, name = sorted(known), str(name)  # which callers may have given as anything
         super().__init__(
             f"unknown {kind} {name!r:.200}.{did_you_mean(name, options)} "
             f"Known: {listed(name[:100], options)}.{' ' if hint else ''}{hint}"

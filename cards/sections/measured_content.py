@@ -59,6 +59,7 @@ class CardData:
     has_task_rewards: bool
     sides: Mapping[str, EpisodeTable] = field(default_factory=dict)
     """The episodes of each side by its name, in a task of several."""
+    has_events: bool = True  # else the counts of collisions are zeros that say nothing
 
 
 def card_data_of(stored: StoredDataset) -> CardData:
@@ -80,4 +81,5 @@ def card_data_of(stored: StoredDataset) -> CardData:
         references_of(spec.hash()),
         has_task_rewards(stored),
         {side: Dataset.open(stored.path, verify="none").side(side).episodes for side in sides},
+        has_events=bool(stored.arrays["events"].shape[2]),
     )

@@ -44,7 +44,7 @@ def policies_section(data: CardData) -> str:
     for index, source in enumerate(data.origin.policies):
         chosen = np.flatnonzero(data.table.policy == index)
         if len(chosen):
-            rows.append(_policy_row(source, data.table.take(chosen)))
+            rows.append(_policy_row(source, data.table.take(chosen), data.has_events))
         elif data.origin.recipe is not None:  # an edit may have left none of them
             raise SchemaError(f"policy {source.label!r} made no episode of {data.origin.id}")
     has_own = any(map(is_checkpoint_file, data.manifest.files))
@@ -58,7 +58,16 @@ def policies_section(data: CardData) -> str:
     )
 
 
-def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
+def _contacts(table: EpisodeTable, *, has_events: bool) -> tuple[str, str, str]:
+    """Clean successes, and the mean contacts with robots and with obstacles."""
+    if not has_events:
+        return ("not recorded",) * 3
+    counts = table.robot_collisions, table.obstacle_collisions
+    with_robots, with_obstacles = (f"{count.mean():.3f}" for count in counts)
+    return percent(clean_successes(table)), with_robots, with_obstacles
+
+
+def _policy_row(source: PolicySource, table: EpisodeTable, has_events: bool) -> tuple[str, ...]:
     return (
         source.label,
         source.title,
@@ -68,9 +77,7 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
         f"{table.lengths.sum():,}",
         f"{table.team_return.mean():.2f} ± {table.team_return.std():.2f}",
         percent(table.success),
-        percent(clean_successes(table)),
-        f"{table.robot_collisions.mean():.3f}",
-        f"{table.obstacle_collisions.mean():.3f}",
+        *_contacts(table, has_events=has_events),
         f"{table.lengths.mean():.1f}",
     )
 
@@ -78,12 +85,13 @@ def _policy_row(source: PolicySource, table: EpisodeTable) -> tuple[str, ...]:
 def statistics_section(data: CardData, picture: str | None) -> str:
     """All episodes together, with a picture, named by its file, or else a histogram in text."""
     table = data.table
+    clean, with_robots, with_obstacles = _contacts(table, has_events=data.has_events)
     rows = [
         ("success", percent(table.success)),
-        ("clean success", percent(clean_successes(table))),
+        ("clean success", clean),
         ("length, mean", f"{table.lengths.mean():.1f} steps"),
-        ("robot collisions per episode", f"{table.robot_collisions.mean():.3f}"),
-        ("obstacle collisions per episode", f"{table.obstacle_collisions.mean():.3f}"),
+        ("robot collisions per episode", with_robots),
+        ("obstacle collisions per episode", with_obstacles),
     ]
     for side, own in data.sides.items():
         rows.append((f"return of {side}, mean", f"{own.team_return.mean():.3f}"))

@@ -21,6 +21,7 @@ from swarmdata.envs.world.world import (
 )
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Task
+from swarmdata.numerics.random import checked_seeds
 from swarmdata.perception.observer import Observer
 from swarmdata.registry.components import reward_terms
 from swarmdata.runtime.argument_blocks import ArgumentBlock
@@ -238,7 +239,7 @@ class TaskEnv:
     def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
         """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
         chosen = np.arange(self.n_copies) if copies is None else np.asarray(copies, dtype=np.int64)
-        seeds = np.asarray(seeds, dtype=np.uint64)
+        seeds = checked_seeds(seeds)
         if seeds.shape != chosen.shape:
             raise SchemaError(
                 f"reset got seeds of shape {seeds.shape}, expected {chosen.shape}: "

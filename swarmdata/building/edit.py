@@ -13,10 +13,13 @@ import numpy as np
 from swarmdata.building.combine import describe, write_edit
 from swarmdata.building.subsample import N_RETURN_BINS, matched, sized
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import DatasetNotFoundError, SchemaError
+from swarmdata.errors import DatasetNotFoundError, SchemaError, check_type
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins.edit_origin import Edit
+from swarmdata.types import Int
+
+LOADED = "swarmdata.load(...) gives one."  # what an id or a folder stands for
 
 DEFAULT_TIER = "edited"
 """Tier of what was not given another: figures of an edit are in no tier's band."""
@@ -50,7 +53,7 @@ def filter_dataset(
         policy: label of a policy of the source.
         split: `train`, `validation` or `test`.
         seeds: of the episodes; all of them must be there.
-        episodes: stored numbers in the source's dataset; the same.
+        episodes: numbers in the source, as `source[number]` takes them, or a mask of them.
 
     Raises:
         UnknownNameError: no such policy or split.
@@ -60,14 +63,17 @@ def filter_dataset(
     conditions = {"success": success, "min_return": min_return, "max_return": max_return,
                   "policy": policy, "split": split}  # fmt: skip
     asked = {name: value for name, value in conditions.items() if value is not None}
+    check_type("the source", source, Dataset, "a Dataset", LOADED)
     view = source.filter(**asked)  # type: ignore[arg-type]
-    for name, chosen in (("seeds", seeds), ("episodes", episodes)):
-        if chosen is not None:
-            there = source.episodes.seeds if name == "seeds" else source.selection
-            wanted = _all_there(there, chosen, f"{name} of {source.id}")
-            column = view.episodes.seeds if name == "seeds" else view.selection
-            view = replace(view, selection=view.selection[np.isin(column, wanted)])
-            asked[name] = f"{len(wanted)} listed"
+    if seeds is not None:
+        wanted = _all_there(source.episodes.seeds, seeds, f"seeds of {source.id}")
+        view = replace(view, selection=view.selection[np.isin(view.episodes.seeds, wanted)])
+        asked["seeds"] = f"{len(wanted)} listed"
+    if episodes is not None:
+        numbers = _numbers(episodes, source)
+        chosen = source.selection[numbers]
+        view = replace(view, selection=view.selection[np.isin(view.selection, chosen)])
+        asked["episodes"] = f"{len(numbers)} listed"
     return _edit([view], out, id, tier, _words("filter", asked))
 
 
@@ -95,8 +101,11 @@ def combine_datasets(
         SchemaError: two episodes have the same seed, or arrays do not fit together.
         BuildError: there is no episode to train on; or `out` holds something else.
     """
+    check_type("sources", sources, (list, tuple), "a list of datasets")
     if not sources:
         raise SchemaError("combine got no datasets, expected at least 1")
+    for each in sources:
+        check_type("a source", each, Dataset, "a Dataset", LOADED)
     return _edit(list(sources), out, id, tier, "combine()")
 
 
@@ -121,8 +130,9 @@ def subsample_dataset(
             is kept.
         id: of the new dataset.
         tier: of the new dataset.
-        n_steps: least joint steps; whole episodes are taken, at random. Splits and policies keep
-            their shares (`subsampling.sized`); with `like` the returns do.
+        n_steps: least joint steps; whole episodes are taken, at random, so that splits and policies
+            keep about their shares (`subsample.sized`); of few episodes, a split may have none.
+            With `like`, returns keep their shares.
         min_return: least team return, included.
         max_return: greatest team return, included.
         like: a dataset or view whose distribution of returns is matched (`subsampling.matched`).
@@ -134,6 +144,7 @@ def subsample_dataset(
         BuildError: no episode is left, or none to train on, or returns cannot be matched; or `out`
             holds something else.
     """
+    check_type("the source", source, Dataset, "a Dataset", LOADED)
     view = source.filter(min_return=min_return, max_return=max_return)
     asked: dict[str, Any] = {"n_steps": n_steps, "min_return": min_return, "max_return": max_return}
     if like is not None:
@@ -185,6 +196,18 @@ def rebuild_edit(edit: Edit, parents: Sequence[Dataset], out: Path | str) -> Dat
 def _words(operation: str, asked: Mapping[str, Any]) -> str:
     given = ", ".join(f"{name}={value}" for name, value in asked.items() if value is not None)
     return f"{operation}({given})"
+
+
+def _numbers(episodes: Collection[int], source: Dataset) -> Int:
+    """The numbers of episodes of a source, given them or a mask [n]."""
+    found = np.array(list(episodes), dtype=None if len(episodes) else np.int64)
+    if found.dtype == np.bool_ and len(found) == len(source):
+        return np.flatnonzero(found)
+    if found.dtype.kind not in "iu":
+        raise SchemaError(
+            f"episodes are {episodes!r:.100}, expected numbers or a mask of {len(source)} episodes"
+        )
+    return _all_there(np.arange(len(source)), found.tolist(), f"episodes of {source.id}")
 
 
 def _all_there(there: Any, wanted: Collection[int], what: str) -> Any:

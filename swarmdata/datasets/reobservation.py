@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from swarmdata.errors import SpecError
 from swarmdata.interfaces import Task
 from swarmdata.perception.observer import Observer
 from swarmdata.registry.components import make_task
@@ -96,16 +97,23 @@ def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True)
     actions hold learned messages and the new models have none.
 
     Raises:
-        SpecError: the new models need learned messages that the recorded actions do not hold.
+        SpecError: the new models need learned messages that the recorded actions do not hold, or
+            the episodes lack their obstacles.
         DiskFullError: the result is large, and no space is left.
     """
-    task = task_of(recorded.recipe, "reobservation")
+    task, world = task_of(recorded.recipe, "reobservation"), make_task(spec)
+    if (found := recorded.table.layouts.shape[1]) != len(world.kinds):
+        raise SpecError(
+            f"{recorded.manifest.id} has {found} obstacles in each episode, expected "
+            f"{len(world.kinds)}: the format that it was imported from does not keep them. Observe "
+            "the original dataset again, or convert by minari or d4rl"
+        )
     actions = actions_for(spec, task, recorded.arrays["actions"])
     table, arrays = recorded.table, recorded.arrays
     episodes = RecordedEpisodes(
         arrays["states"], actions, table.starts, table.lengths, table.seeds, table.layouts
     )
-    observed = observe_episodes(make_task(spec), episodes, progress=progress)
+    observed = observe_episodes(world, episodes, progress=progress)
     arrays = {**recorded.arrays, **observed, "actions": actions}
     return Reobservation(recorded, spec, arrays)
 

@@ -6,12 +6,13 @@ A batch is a pure function of the seed and its number in the stream, so a sample
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
+from types import NoneType
 from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, check_type
 from swarmdata.numerics.event_costs import costs_of
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import take_rows
@@ -289,6 +290,9 @@ class Sampler(RowSampler):
     ) -> None:
         if len(selection) == 0:
             raise SchemaError("there are no episodes to sample from; widen the filter")
+        numbers = {"batch_size": batch_size, "horizon": horizon, "burn_in": burn_in, "seed": seed}
+        for name, given in numbers.items():
+            check_type(f"sampler {name}", given, (int, np.integer, NoneType), "a whole number")
         if batch_size < 1 or (horizon is not None and horizon < 1):
             raise SchemaError(
                 f"sampler got batch_size={batch_size} and horizon={horizon}, expected at least 1"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError
+from swarmdata.errors import ConversionError, check_type
 from swarmdata.interop.conversion.user_choices import absolute_path
 from swarmdata.interop.formats import find_format
 from swarmdata.rollouts.function_policy import frame_of
@@ -43,6 +43,7 @@ def export_dataset(
         MissingExtraError: the format's library is not installed.
         DiskFullError: no space was left.
     """
+    check_type("the dataset", dataset, Dataset, "a Dataset", "Of a mixture, convert its parts.")
     path, found = absolute_path(path), find_format(format)
     remove_leftovers(path.parent, path.name)
     if path.exists():

@@ -5,13 +5,15 @@ mixer is SplitMix64 (Steele, Lea and Flood, "Fast splittable pseudorandom number
 2014, figure 17).
 """
 
+from collections.abc import Sequence
 from functools import cache
 from statistics import NormalDist
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from swarmdata.errors import UnknownNameError
+from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.types import Double, Int, Seeds
 
 GOLDEN_GAMMA = 0x9E3779B97F4A7C15
@@ -88,6 +90,32 @@ def normal_table() -> Double:
 def normal(bits: Seeds) -> Double:
     """Returns draws from the discrete normal of `normal_table`, from 64-bit values."""
     return normal_table()[(bits >> np.uint64(64 - NORMAL_BITS)).astype(np.int64)]
+
+
+def checked_seeds(given: Sequence[int] | NDArray[Any], *, distinct: bool = False) -> Seeds:
+    """Returns the seeds of episodes, [n].
+
+    Raises:
+        SchemaError: they are no list of whole numbers from 0 on; or one is there twice, though they
+            should be `distinct`.
+    """
+    found = np.asarray(given)
+    are_whole = found.ndim == 1 and (
+        bool(found.min(initial=0) >= 0)
+        if found.dtype.kind in "iu"
+        else all(_is_seed(each) for each in given)  # a list of large ones is an array of floats
+    )
+    if not are_whole or (distinct and len(np.unique(found)) < len(found)):
+        raise SchemaError(
+            f"the seeds are {given!r:.100}, expected a list of {'different ' * distinct}whole "
+            "numbers, 0 to 2**64 - 1"
+        )
+    return np.asarray(given, dtype=np.uint64)
+
+
+def _is_seed(value: object) -> bool:
+    is_whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    return is_whole and 0 <= int(value) < 1 << 64  # type: ignore[call-overload]
 
 
 def evaluation_seeds(n_episodes: int) -> Seeds:

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError, check_type
 from swarmdata.interfaces import Policy
-from swarmdata.numerics.random import SeedBlock, block_seeds
+from swarmdata.numerics.random import SeedBlock, block_seeds, checked_seeds
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import find_spec
 from swarmdata.rollouts.metrics import episode_metrics, metrics_of, metrics_of_side
@@ -48,7 +48,7 @@ def evaluate(
         n_episodes: number of seeds to use.
         block: the reserved `evaluation` seeds, or the `validation` seeds, on which settings are
             chosen.
-        seeds: of the episodes, in place of those of a block, [E].
+        seeds: of the episodes, in place of those of a block, [E]; all different.
         side: the side that the policy plays, in a task of several. Return, success, clean success
             and time to goal are then those of the side. A policy sees the rows of its side alone,
             as in `dataset.side(...)`, unless it is named. A `SideSpec`: the policy plays all sides,
@@ -65,6 +65,8 @@ def evaluate(
         UnknownNameError: the task has no such side, or there is no such policy or block of seeds.
         SpecError: the task has one side, or a side is given without opponents, or they without it.
     """
+    check_type("n_episodes", n_episodes, (int, np.integer), "a whole number")
+    seeds = None if seeds is None else checked_seeds(seeds, distinct=True)
     n_episodes = n_episodes if seeds is None else len(seeds)
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")

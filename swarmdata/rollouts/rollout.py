@@ -6,6 +6,7 @@ import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.interfaces import Policy, VecEnv, check_acts
+from swarmdata.numerics.random import checked_seeds
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.types import (
     END_REASONS,
@@ -41,7 +42,7 @@ def rollout(
     Args:
         env: copies of a task; all of them are reset.
         policy: chooses the joint actions, float32 [E, N, A].
-        seeds: episode seeds, uint64 [n_episodes]; may be empty.
+        seeds: of the episodes, [n_episodes]; may be empty.
         policy_index: stored as `Episode.policy`.
         policy_threads: threads of the policy's matrix products, see `ThreadLimit`.
         progress: called with the number of episodes that have just finished, as `tqdm.update` is.
@@ -50,18 +51,14 @@ def rollout(
         An iterator over `len(seeds)` episodes, whose arrays belong to the caller.
 
     Raises:
-        SchemaError: `seeds` is not uint64 [n], the policy lacks a method, its actions are not
+        SchemaError: `seeds` are no whole numbers, the policy lacks a method, its actions are not
             float32 [E, N, A], their log-probabilities are not float32 [E, N], or an episode runs
             beyond the horizon of its spec.
     """
     check_acts(policy, "reset", "act", "log_probs")
-    given = np.asarray(seeds)
-    if given.dtype != np.uint64 or given.ndim != 1:
-        raise SchemaError(
-            f"seeds are {given.dtype} {list(given.shape)}, expected uint64 [n_episodes]. "
-            "Use numerics.random.evaluation_seeds or np.asarray(seeds, np.uint64)."
-        )
-    return _run(env, policy, given, policy_index, ThreadLimit(policy_threads), progress)
+    return _run(
+        env, policy, checked_seeds(seeds), policy_index, ThreadLimit(policy_threads), progress
+    )
 
 
 def _run(

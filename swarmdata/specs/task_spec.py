@@ -381,8 +381,20 @@ class TaskSpec(Frozen):
         return tuple(f"{role.name}_{i}" for role in self.team for i in range(role.count))
 
     def with_updates(self, **changes: Any) -> "TaskSpec":
-        """Returns a validated copy with top-level fields replaced."""
-        return type(self).parse({**self.model_dump(), **changes})
+        """Returns a validated copy with top-level fields replaced.
+
+        What a mapping leaves out has its default; names of models, such as `lossy-30`, modify the
+        spec's own, as everywhere.
+        """
+        readers: dict[str, Callable[..., Any]] = {
+            "observation": observation_model, "communication": communication_model,
+        }  # fmt: skip
+        named = {
+            name: read(changes[name], getattr(self, name))
+            for name, read in readers.items()
+            if isinstance(changes.get(name), str)
+        }
+        return type(self).parse({**self.model_dump(), **changes, **named})
 
 
 def _unsimulated(spec: TaskSpec) -> Iterator[str]:

@@ -98,12 +98,20 @@ def test_filter_by_every_condition(source: Dataset, tmp_path: Path) -> None:
         "range": ({"max_return": 2.0, "min_return": -5.0}, np.abs(table.team_return + 1.5) <= 3.5),
         "seeds": ({"seeds": seeds}, np.isin(table.seeds, seeds)),
         "episodes": ({"episodes": [1, 3, 4]}, np.isin(np.arange(len(table)), [1, 3, 4])),
+        "mask": ({"episodes": table.lengths > 3}, table.lengths > 3),
     }
     for name, (conditions, mask) in cases.items():
         made = filter_dataset(source, tmp_path / name, id="coop_nav-some-v0", **conditions)
         np.testing.assert_array_equal(made.episodes.seeds, table.seeds[mask], name)
         labels = {p.label for p in made.recipe.policies}
         assert labels == {f"tag-{k}" for k in np.unique(table.policy[mask])}  # those that acted
+
+
+def test_numbers_of_episodes_are_those_of_the_view(source: Dataset, tmp_path: Path) -> None:
+    view = source.split("train")
+    chosen = [row.index for row in view.episodes][2:9:3]
+    made = filter_dataset(view, tmp_path / "out", id="coop_nav-some-v0", episodes=chosen)
+    assert [e.seed for e in made] == [view[number].seed for number in chosen]
 
 
 def test_filter_refuses_what_is_not_there(source: Dataset, tmp_path: Path) -> None:

@@ -202,6 +202,19 @@ def test_what_was_not_found_is_not_on_the_card() -> None:
     assert text.count("| unknown | needs 6 joint steps |") == 2
 
 
+def test_collisions_that_were_not_recorded_are_not_zero() -> None:
+    text = render(replace(make_card_data(), has_events=False))
+    assert text.count("not recorded") == 3 * 3  # of all episodes, and of two policies
+    assert "| robot collisions per episode | not recorded |" in text
+
+
+def test_each_side_has_its_return_and_success() -> None:
+    made = make_card_data()
+    text = render(replace(made, sides={"pursuers": made.table, "evader": made.table}))
+    assert text.count("| return of evader, mean |") == 1
+    assert text.count("| success of pursuers |") == 1
+
+
 def test_a_picture_takes_the_place_of_the_histogram() -> None:
     assert "█" in render(make_card_data())
     text = render(make_card_data(), picture="coop_nav-golden-v0.png")

@@ -1,6 +1,7 @@
 """An object in the place of another is refused at the public entrances, with what to do instead."""
 
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -77,9 +78,61 @@ MISTAKES: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
         ),
         "has no reset and no act",
     ),
-    "evaluate on a list of seeds": (
-        lambda data, out: untyped.evaluate("idle", "coop_nav", seeds=[1, 2], progress=False),
-        r"seeds are int64 \[2\], expected uint64",
+    **{
+        f"evaluate on the seeds {seeds}": (
+            partial(
+                lambda data, out, seeds: untyped.evaluate(
+                    "idle", "coop_nav", seeds=seeds, progress=False
+                ),
+                seeds=seeds,
+            ),
+            r"the seeds are .* expected a list of different whole numbers",
+        )
+        for seeds in ([1.5, 2], [-1], [True], [1 << 64], [3, 3])
+    },
+    "evaluate a part of an episode": (
+        lambda data, out: untyped.evaluate("idle", "coop_nav", n_episodes=2.5),
+        "n_episodes is 2.5, expected a whole number",
+    ),
+    "reset to a part of a seed": (
+        lambda data, out: data.make_env(1).reset([0.5]),
+        "the seeds are .* expected a list of whole numbers",
+    ),
+    "sample by a part of a seed": (
+        lambda data, out: data.sampler(4, seed=1.5),
+        "sampler seed is 1.5, expected a whole number",
+    ),
+    "sample windows of a part of a step": (
+        lambda data, out: data.sampler(4, horizon=1.5),
+        "sampler horizon is 1.5, expected a whole number",
+    ),
+    "choose a split by its number": (
+        lambda data, out: data.split(0),
+        "unknown split '0'",
+    ),
+    "filter an id": (
+        lambda data, out: untyped.filter_dataset("coop_nav-medium-mini", out, id="coop_nav-x-v0"),
+        r"the source is 'coop_nav.*expected a Dataset. swarmdata\.load",
+    ),
+    "filter by a mask of others": (
+        lambda data, out: swarmdata.filter_dataset(data, out, id="coop_nav-x-v0", episodes=[True]),
+        r"episodes are \[True\], expected numbers or a mask of 10 episodes",
+    ),
+    "filter by an episode that is not there": (
+        lambda data, out: swarmdata.filter_dataset(data, out, id="coop_nav-x-v0", episodes=[10]),
+        r"episodes of coop_nav-tiny-v0 \[10\] are not there",
+    ),
+    "combine one dataset": (
+        lambda data, out: untyped.combine_datasets(data, out, id="coop_nav-x-v0"),
+        "sources is <Dataset .*expected a list of datasets",
+    ),
+    "combine ids": (
+        lambda data, out: untyped.combine_datasets(["a", "b"], out, id="coop_nav-x-v0"),
+        "a source is 'a', expected a Dataset",
+    ),
+    "convert an id": (
+        lambda data, out: untyped.export_dataset("coop_nav-medium-mini", out, format="d4rl"),
+        "the dataset is 'coop_nav-medium-mini', expected a Dataset",
     ),
     "play a function in an environment": (
         lambda data, out: untyped.evaluate_parallel(

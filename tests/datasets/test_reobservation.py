@@ -16,6 +16,7 @@ from swarmdata.datasets.reobservation import (
     RecordedEpisodes,
     attempted_links,
     observe_episodes,
+    reobserve,
     reobserve_episode,
     reobserved_episode,
 )
@@ -59,6 +60,15 @@ def short(name: str, observation: str = "state", communication: str = "none") ->
     if len(spec.sides) == 1:
         spec = spec.with_updates(on_collision="fail")
     return with_models(spec, observation, communication)
+
+
+def test_episodes_without_their_obstacles_are_refused(tmp_path: Path) -> None:
+    """Those of a format without layouts would be seen in an empty arena."""
+    stored = record(tmp_path / "made", short("coop_nav"), 6, "random", block=3).stored
+    layouts = stored.table.layouts[:, :0]
+    empty = replace(stored, table=replace(stored.table, layouts=layouts))
+    with pytest.raises(SpecError, match=r"has 0 obstacles in each episode, expected \d"):
+        reobserve(empty, short("coop_nav", "lidar"))
 
 
 def recorded_of(episodes: list[Episode]) -> RecordedEpisodes:

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 import swarmdata
 from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.registry.presets import preset
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.specs import WORLD_VERSION, frozen
 from swarmdata.specs.frozen import Frozen
@@ -198,6 +199,13 @@ def test_models_may_be_named_as_on_the_command_line() -> None:
     spec = TaskSpec.from_text(text)
     assert spec == with_models(TaskSpec(), "lidar-32+noise-0.05", "lossy-30")
     assert TaskSpec.from_text(spec.to_yaml()).hash() == spec.hash()
+
+
+def test_a_name_modifies_the_models_of_the_spec_that_is_updated() -> None:
+    search = preset("search")
+    named = search.with_updates(observation="noise-0.05", communication="lossy-30")
+    assert named == with_models(search, "noise-0.05", "lossy-30")
+    assert named.communication.payload == search.communication.payload == "pose_and_goal"
 
 
 def test_the_usual_simulator_is_in_no_hash() -> None:

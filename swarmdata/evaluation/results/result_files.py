@@ -97,18 +97,24 @@ def _is_result(path: Path) -> bool:
         return _BEGIN.match(file.read(100)) is not None
 
 
-def save_result(result: Result, folder: Path | str) -> Path:
+def save_result(result: Result, folder: Path | str, *, replace: bool = False) -> Path:
     """Writes a result into a folder, atomically, under the name that `file_name` gives it.
 
     The path of a run folder is stored relative to `folder`, so that both can be moved together.
+
+    Args:
+        result: of one policy; those of several training seeds have the same label, and each an
+            index of its own.
+        folder: of results; made if absent.
+        replace: whether another result of this label and index may be replaced.
 
     Returns:
         The file.
 
     Raises:
-        SchemaError: it is no `Result`, is incomplete, does not match its spec, or does not fit
-            into JSON.
-        OutputError: another file is in its place.
+        SchemaError: it is no `Result`, is incomplete, has values that its metrics cannot have, does
+            not match its spec, or does not fit into JSON.
+        OutputError: another file, or another result, is in its place.
     """
     advice = (
         "Pass swarmdata.Result(evaluation, swarmdata.Provenance(label=evaluation.policy), spec)."
@@ -143,7 +149,13 @@ def save_result(result: Result, folder: Path | str) -> Path:
         raise OutputError(
             f"{path} is in the way: it is no result of an evaluation, so it was left. Move it away."
         )
-    write_file(path, f"{text}\n".encode())
+    content = f"{text}\n".encode()
+    if path.exists() and not replace and path.read_bytes() != content:
+        raise OutputError(
+            f"{path} holds another result of {provenance.label} number {provenance.index}. Give "
+            "each policy its number, Provenance(label=..., index=k), or pass replace=True."
+        )
+    write_file(path, content)
     return path
 
 
@@ -231,4 +243,15 @@ def _check(result: Result, where: str) -> None:
         raise SchemaError(
             f"{where} has {len(evaluation.seeds)} seeds but metrics of lengths {wrong or lengths}, "
             "expected one value per seed and at least one. Evaluate again."
+        )
+    impossible = [
+        name
+        for name, values in ({} if is_foreign else evaluation.metrics).items()
+        if (name == "return" and not np.isfinite(values).all())
+        or (name.endswith("success") and not np.isin(values, (0, 1)).all())
+    ]
+    if impossible or len(np.unique(evaluation.seeds)) < len(evaluation.seeds):
+        raise SchemaError(
+            f"{where} has impossible values of {', '.join(impossible) or 'seeds'}, expected "
+            "finite returns, a success of 0 or 1, and each seed once. Evaluate again."
         )

@@ -70,7 +70,7 @@ def evaluate_target(
             )  # fmt: skip
             kept = Result(evaluation, provenance, target.measured)
             if out is not None:
-                save_result(kept, out)
+                save_result(kept, out, replace=True)
         results.append(kept)
     return results
 

@@ -47,6 +47,8 @@ def train_in_groups(
         EngineError: the engine is unknown, or cannot be reached.
     """
     engine, workers, progress = options["engine"], options["workers"], options["progress"]
+    if part is not None and not 1 <= part[0] <= part[1]:
+        raise BuildError(f"part is {part}, expected (k, N) with k from 1 to N")
     if part is None and engine == LOCAL and workers == 1:
         check_folders(out, [out])
         return training.run(seeds, out, progress=progress)

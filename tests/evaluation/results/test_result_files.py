@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from swarmdata import __version__
-from swarmdata.errors import FormatVersionError, SchemaError
+from swarmdata.errors import FormatVersionError, OutputError, SchemaError
 from swarmdata.evaluation.results.result_files import Result, load_result, save_result
 from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.specs.model_choice import with_models
@@ -81,11 +81,41 @@ def test_labels_stay_within_their_folder() -> None:
 def test_what_json_cannot_hold_is_refused_and_the_old_file_stays(tmp_path: Path) -> None:
     path = save_result(result(), tmp_path)
     before, broken = path.read_bytes(), result()
-    broken.evaluation.metrics["return"][0] = math.inf
+    broken.evaluation.metrics["path_length"][0] = math.inf
     with pytest.raises(SchemaError, match="'bc' cannot be written as JSON"):
-        save_result(broken, tmp_path)
+        save_result(broken, tmp_path, replace=True)
     assert path.read_bytes() == before
     assert [p.name for p in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    ("metric", "value"), [("return", math.nan), ("success", 0.5), ("clean_success", 100.0)]
+)
+def test_values_that_a_metric_cannot_have_are_refused(
+    metric: str, value: float, tmp_path: Path
+) -> None:
+    broken = result()
+    broken.evaluation.metrics[metric][0] = value
+    with pytest.raises(SchemaError, match=f"impossible values of {metric}"):
+        save_result(broken, tmp_path)
+
+
+def test_a_seed_counts_once(tmp_path: Path) -> None:
+    made = result()
+    seeds = np.full_like(made.evaluation.seeds, 7)
+    with pytest.raises(SchemaError, match="impossible values of seeds"):
+        save_result(replace(made, evaluation=replace(made.evaluation, seeds=seeds)), tmp_path)
+
+
+def test_another_result_is_replaced_on_request_only(tmp_path: Path) -> None:
+    path, other = save_result(result(), tmp_path), result()
+    other.evaluation.metrics["return"][0] += 1
+    before = path.read_bytes()
+    assert save_result(result(), tmp_path) == path
+    with pytest.raises(OutputError, match=r"another result of bc number 0.*index=k"):
+        save_result(other, tmp_path)
+    assert path.read_bytes() == before
+    same(load_result(save_result(other, tmp_path, replace=True)), other)
 
 
 def edited(path: Path, **changes: Any) -> Path:
@@ -119,9 +149,9 @@ def test_unreadable_files_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="is not an evaluation result"):
         load_result(path)
     with pytest.raises(FormatVersionError, match="format 3, this swarmdata reads up to 2"):
-        load_result(edited(save_result(result(), tmp_path), format_version=3))
+        load_result(edited(save_result(result(), tmp_path / "later"), format_version=3))
     with pytest.raises(SchemaError, match=r"format_version.*Evaluate again"):
-        load_result(edited(save_result(result(), tmp_path), format_version=1))
+        load_result(edited(save_result(result(), tmp_path / "older"), format_version=1))
 
 
 def test_results_of_other_environments_are_kept_as_well(tmp_path: Path) -> None:
