@@ -1,6 +1,7 @@
 """The beginning of every card: front matter, title, how to open the dataset, identity."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import yaml
 
@@ -20,17 +21,21 @@ HUB_SIZES = (
 PROPERTIES = ("property", "value")  # header of tables that list values by name
 
 
-def front_matter(manifest: Manifest, origin: Origin) -> str:
-    """The YAML that the Hugging Face Hub reads."""
+def front_content(manifest: Manifest, origin: Origin) -> dict[str, Any]:
+    """What the Hugging Face Hub reads of a card."""
     size = next((name for below, name in HUB_SIZES if manifest.n_steps < below), "1M<n<10M")
-    content = {
+    return {
         "pretty_name": origin.id,
         "license": license_of(origin),
         "task_categories": ["reinforcement-learning", "robotics"],
         "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", origin.spec.task, origin.tier],
         "size_categories": [size],
     }
-    return f"---\n{yaml.safe_dump(content, sort_keys=False)}---\n"
+
+
+def front_matter(manifest: Manifest, origin: Origin) -> str:
+    """The YAML before a card."""
+    return f"---\n{yaml.safe_dump(front_content(manifest, origin), sort_keys=False)}---\n"
 
 
 def identity_section(manifest: Manifest, origin: Origin) -> str:

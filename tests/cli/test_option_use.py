@@ -99,6 +99,7 @@ IMPORTED = ImportedLogs.model_construct(id="hall-a-v0")
 BROKEN = (SimpleNamespace(file="recipe.json", problem="is absent"),)
 SOUND = {f"{CATALOG}:find_folder": Path("data"), f"{REPAIR}:examine": ()}
 OPENED = {f"{CATALOG}:load": "a dataset"}
+LOGS = "swarmdata.interop.logs.import_logs"
 TWIN = "swarmdata.interop.logs.fitted_twin"
 HALVES = SimpleNamespace(split=lambda name: name)
 FITTED = SimpleNamespace(check=lambda *parts: len(parts), to_yaml=lambda: "spec")
@@ -193,12 +194,12 @@ CASES = (
          {"--to": "vault", "--from": "minari", "--frame": "target"}),
     Case("convert data a --from minari --id a-b-v0", ("swarmdata.interop.convert:import_dataset",),
          samples={"--from": "vault", "--to": "minari", "--frame": "target"}),
-    Case("import a.csv --map robots.yaml --id hall-a-v0", ("swarmdata.interop.logs:import_logs",),
-         {"swarmdata.interop.logs.map_files:read_map": "a map"},
+    Case("import a.csv --map robots.yaml --id hall-a-v0", (f"{LOGS}:import_logs",),
+         {f"{LOGS}:read_map": "a map"},
          {"--map": "other.yaml", "--task": "coop_nav"},
          idle={"--map": "the map is a stub here"}),
-    Case("import a.csv --map recipe.json", ("swarmdata.interop.logs:remake_logs",),
-         {"swarmdata.interop.logs.map_files:read_map": IMPORTED},
+    Case("import a.csv --map recipe.json", (f"{LOGS}:remake_logs",),
+         {f"{LOGS}:read_map": IMPORTED},
          idle={"--map": "the map is a stub here"}),
     Case("evaluate idle", EVALUATED, idle=COSTLESS),
     Case("evaluate idle --budget robot_collisions=1",

@@ -112,11 +112,6 @@ def test_swapped_files(dataset: Path) -> None:
         open_store(dataset)
 
 
-def test_nothing_there(tmp_path: Path) -> None:
-    with pytest.raises(DatasetNotFoundError, match="no dataset folder"):
-        open_store(tmp_path / "nothing")
-
-
 @pytest.mark.parametrize("name", ["recipe.json", "card.md", "manifest.json", "data.zarr"])
 def test_symbolic_link(dataset: Path, tmp_path: Path, name: str) -> None:
     target = tmp_path / "elsewhere"

@@ -7,9 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from typer.testing import CliRunner
 
-from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.convert import import_dataset
@@ -124,11 +122,3 @@ def test_a_view_by_other_sensors_turns_too(tiny_dataset: Dataset) -> None:
     turned = in_frame(view, "target")
     np.testing.assert_array_equal(turned[1].observations, frame.inputs(view[1].observations))
     np.testing.assert_array_equal(turned[1].states, view[1].states)
-
-
-def test_the_command_has_the_option(tiny: Path, tmp_path: Path) -> None:
-    out = tmp_path / "x.hdf5"
-    arguments = ["convert", str(tiny), str(out), "--to", "d4rl", "--frame", "target"]
-    assert CliRunner().invoke(app, arguments).exit_code == 0
-    with h5py.File(out) as file:
-        assert json.loads(file["metadata/swarmdata"][()])["frame"] == "target"

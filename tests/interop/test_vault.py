@@ -99,15 +99,6 @@ def test_theirs_is_cut_at_ends_of_all_agents(tmp_path: Path) -> None:
         assert episode.action_masks.shape == (len(t) + 1, 3, 6)
 
 
-def test_a_limit_as_terminal_is_noticed(tmp_path: Path) -> None:
-    leaves = their_leaves([25] * 13, [False] * 13)
-    path = write_theirs(tmp_path / "v", leaves, 25 * 13)
-    with pytest.raises(ConversionError, match="terminate after exactly 25 steps"):
-        take_in(path, final="repeat")
-    dataset = take_in(path, final="repeat", time_limit=25)
-    assert {END_REASONS[code] for code in dataset.episodes.end_reason} == {"horizon"}
-
-
 def test_another_folder_is_refused(tmp_path: Path) -> None:
     (tmp_path / "x").mkdir()
     with pytest.raises(ConversionError, match="not the folder of a vault's uid"):

@@ -54,8 +54,7 @@ def import_command(
 
     Nothing is invented: gaps are masked, and columns that the map does not name are refused.
     """
-    from swarmdata.interop.logs import import_logs, remake_logs
-    from swarmdata.interop.logs.map_files import read_map
+    from swarmdata.interop.logs.import_logs import import_logs, read_map, remake_logs
     from swarmdata.runtime.cache_folder import cache_folder
     from swarmdata.specs.origins.log_origin import ImportedLogs
 

@@ -11,7 +11,6 @@ from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.convert import store_imported
 from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import find_windows, make_episodes, most_steps
-from swarmdata.interop.logs.map_files import read_map
 from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
 from swarmdata.interop.logs.resampling import make_grid
@@ -25,6 +24,7 @@ from swarmdata.interop.logs.robot_tracks import (
 )
 from swarmdata.interop.logs.scored_episodes import check_task, score_episodes
 from swarmdata.registry.presets import find_spec
+from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import differences
@@ -41,6 +41,28 @@ IMPORT_VERSION = "2"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
 
 MOST_NOTED = 4000  # characters of a list of topics or columns on the card
+
+
+def shipped_maps() -> dict[str, Path]:
+    """The maps of public logs that the package has, by name."""
+    folder = Path(__file__).parent / "maps"
+    return {path.stem: path for path in sorted(folder.glob("*.yaml"))}
+
+
+def read_map(source: Path | str) -> LogMap | ImportedLogs:
+    """Reads a map by its path or its name in `shipped_maps`, or the `recipe.json` of an import."""
+    path = Path(source)
+    if not path.exists():
+        path = shipped_maps().get(str(source), path)
+    content = read_document(path.expanduser())
+    if isinstance(content, Mapping) and "kind" in content:
+        if content["kind"] != "logs":
+            raise SpecError(
+                f"{path} is of a dataset that was not made of logs (kind {content['kind']!r}), "
+                "expected a map, or the recipe.json of an imported dataset"
+            )
+        return ImportedLogs.parse(content, str(path))
+    return LogMap.parse(content, str(path))
 
 
 def import_logs(

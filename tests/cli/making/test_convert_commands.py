@@ -40,12 +40,6 @@ def test_there_and_back(record: Callable[..., Path], tmp_path: Path) -> None:
     assert back.recipe.metadata["license"] == "mit"  # type: ignore[index]
 
 
-def test_a_split_only(folder: Path, tmp_path: Path) -> None:
-    run(folder, tmp_path / "x.hdf5", "--to", "d4rl", "--split", "test")
-    with h5py.File(tmp_path / "x.hdf5") as file:
-        assert len(file["actions"]) == Dataset.open(folder).split("test").n_steps
-
-
 def test_answers_are_passed_on(tmp_path: Path) -> None:
     path = tmp_path / "x.hdf5"
     with h5py.File(path, "w") as file:

@@ -18,7 +18,7 @@ from swarmdata.evaluation.study.cells import cell_worker, run_cells
 from swarmdata.evaluation.tuning import tune as tune_module
 from swarmdata.evaluation.tuning.tune import tune
 from swarmdata.evaluation.tuning.tuning_record import Tuning
-from swarmdata.interop.logs import import_logs
+from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.training.settings import override
 from swarmdata.learn.training.trainer import train_seeds

@@ -1,25 +1,19 @@
 """From an id to an open dataset."""
 
 import shutil
-import warnings
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import MappingProxyType
 
 import numpy as np
 import pytest
 
 from swarmdata.errors import DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.hub.catalog import catalog, identity, request
-from swarmdata.hub.catalog.catalog import RebuiltDifferentlyWarning, load
+from swarmdata.hub.catalog import catalog, request
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.listing import list_datasets
 from swarmdata.registry.published import published
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.rules import chosen_weights
-from swarmdata.store import open_store
-from swarmdata.store.manifest import note_build
-from swarmdata.store.publication import publication
 from tests.support.measured import references_at
 from tests.support.own_rewards import effort
 from tests.support.tiny import TINY
@@ -131,25 +125,6 @@ def test_load_mixes_a_list() -> None:
         load("coop_nav-tiny", weights=[1])  # type: ignore[call-overload]
     with pytest.raises(SpecError, match="path is of one dataset"):
         load(["coop_nav-tiny"], path=alone.path)  # type: ignore[call-overload]
-
-
-@pytest.mark.usefixtures("known")
-def test_other_digest_than_the_published_is_kept_with_a_warning(
-    tiny: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    stored = open_store(tiny)
-    note_build(stored.manifest)
-    right = publication(stored)
-    wrong = replace(right, digest="0" * 64, made_with={"pymunk": "1.2.3"})
-
-    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: right}))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        load("x", path=tiny)
-    monkeypatch.setattr(identity, "published", lambda: MappingProxyType({TINY.id: wrong}))
-    with pytest.warns(RebuiltDifferentlyWarning, match="instead of 1.2.3"):
-        dataset = load("x", path=tiny)
-    assert dataset.digest == right.digest
 
 
 @pytest.mark.usefixtures("known")

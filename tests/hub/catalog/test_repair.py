@@ -11,14 +11,13 @@ import pytest
 from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
-from swarmdata.errors import DatasetError, DatasetNotFoundError, FormatVersionError, ManifestError
+from swarmdata.errors import DatasetError, ManifestError
 from swarmdata.hub.catalog import repair as repair_module
 from swarmdata.hub.catalog.repair import Repair, examine, repair
 from swarmdata.hub.catalog.sources import RemoteSkippedWarning
 from swarmdata.hub.remotes.interface import Remote
 from swarmdata.registry.published import Published
 from swarmdata.store import read_manifest
-from swarmdata.store.arrays.layout import FORMAT_VERSION
 from swarmdata.store.damage import find_damage
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.pairs import slow
@@ -104,15 +103,6 @@ def test_a_damaged_card_shows_and_is_written_anew(dataset: Path, change: str) ->
     assert "absent" in damage.problem or "line " in damage.problem
     assert repair(dataset) == (Repair("card.md", "written anew"),)
     assert card.read_text() == text
-
-
-def test_no_dataset_and_newer_formats_are_no_damage(dataset: Path) -> None:
-    with pytest.raises(DatasetNotFoundError):
-        examine(dataset / "nothing")
-    manifest = json.loads((dataset / "manifest.json").read_bytes())
-    sign(dataset, {**manifest, "format_version": FORMAT_VERSION + 1})
-    with pytest.raises(FormatVersionError, match="Upgrade"):
-        examine(dataset)
 
 
 def test_a_signed_contradiction_is_damage_of_the_manifest(dataset: Path) -> None:

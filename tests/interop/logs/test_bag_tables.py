@@ -10,8 +10,8 @@ from numpy.testing import assert_allclose
 from swarmdata.audit import audit
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.bag_tables import read_bag
+from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.specs.origins.log_map import LogMap
 from tests.interop.logs import bags
 from tests.support.pairs import slow

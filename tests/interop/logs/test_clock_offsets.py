@@ -8,7 +8,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from swarmdata.errors import ConversionError, SpecError
-from swarmdata.interop.logs import import_logs, remake_logs
+from swarmdata.interop.logs.import_logs import import_logs, remake_logs
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import ImportedLogs
 from tests.interop.logs.logged_team import bounded, write_csv

@@ -14,8 +14,8 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, FileKindError, SwarmdataError
-from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.bag_tables import BagContents, read_bag
+from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.specs.origins.log_map import LogMap
 from tests.interop.logs import bags
 from tests.interop.logs.logged_team import MAP, drive, log_map

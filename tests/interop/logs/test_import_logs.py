@@ -14,7 +14,7 @@ from swarmdata.audit import audit
 from swarmdata.cli.main import app
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, MissingExtraError, SpecError
-from swarmdata.interop.logs import import_logs, remake_logs
+from swarmdata.interop.logs.import_logs import import_logs, remake_logs
 from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.spaces import bounds
 from tests.interop.logs.logged_team import (

@@ -9,9 +9,8 @@ from numpy.testing import assert_allclose
 from swarmdata.audit import audit
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.logs import import_logs
 from swarmdata.interop.logs.fitted_twin import fit_twin
-from swarmdata.interop.logs.map_files import shipped_maps
+from swarmdata.interop.logs.import_logs import import_logs, shipped_maps
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.spaces import bounds

@@ -21,7 +21,7 @@ from swarmdata.errors import (
     UnknownNameError,
 )
 from swarmdata.interop.logs import public_logs
-from swarmdata.interop.logs.map_files import shipped_maps
+from swarmdata.interop.logs.import_logs import shipped_maps
 from swarmdata.interop.logs.public_logs import PublicLogs, fetch_logs
 from swarmdata.specs.origins.log_origin import ImportedLogs
 from tests.hub.remotes.faults import Fault

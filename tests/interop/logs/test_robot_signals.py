@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from swarmdata.errors import ConversionError
-from swarmdata.interop.logs import import_logs
+from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.interop.logs.robot_signals import clean_scans
 from swarmdata.specs.origins.log_map import ScanSignal
 from swarmdata.types import Double

@@ -11,7 +11,7 @@ import swarmdata
 from swarmdata.audit import audit
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
-from swarmdata.interop.logs import import_logs, remake_logs
+from swarmdata.interop.logs.import_logs import import_logs, remake_logs
 from swarmdata.interop.logs.scored_episodes import LoggedMotion, LoggedWorld, layout_of
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import ImportedLogs

@@ -9,8 +9,7 @@ from numpy.testing import assert_allclose
 
 from swarmdata.audit import audit
 from swarmdata.errors import ConversionError, SpecError
-from swarmdata.interop.logs import import_logs
-from swarmdata.interop.logs.map_files import read_map
+from swarmdata.interop.logs.import_logs import import_logs, read_map
 from swarmdata.specs.origins.log_map import LogMap
 from tests.interop.logs.logged_team import write_csv
 

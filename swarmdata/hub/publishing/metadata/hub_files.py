@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from swarmdata.cards.sections.front_matter import front_content
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.hub.publishing.metadata.croissant import CROISSANT_FILE, croissant
@@ -17,17 +18,8 @@ from swarmdata.hub.publishing.metadata.episode_parquet import (
     episode_table,
     parquet_bytes,
 )
-from swarmdata.registry.published import license_of
 from swarmdata.runtime.yaml_documents import parse_yaml
 from swarmdata.store import SPLITS, write_file
-
-SIZE_CATEGORIES = (
-    (1_000, "n<1K"),
-    (10_000, "1K<n<10K"),
-    (100_000, "10K<n<100K"),
-    (1_000_000, "100K<n<1M"),
-)
-"""The Hub's size categories, by joint steps below."""
 
 README_FILE = "README.md"  # what the Hub shows of a repository
 
@@ -79,7 +71,8 @@ def hub_card(folder: Path) -> str:
     """
     dataset = Dataset.open(folder)
     front, text = _parsed(dataset.card, dataset.path)
-    content = {**_front_matter(dataset), **front}
+    known = front_content(dataset.stored.manifest, dataset.recipe)
+    content = {**known, "annotations_creators": ["machine-generated"], **front}
     if find_spec("pyarrow") is not None:
         content |= _configuration(dataset)
     return f"---\n{yaml.safe_dump(content, sort_keys=False, allow_unicode=True)}---\n{text}"
@@ -100,19 +93,6 @@ def _parsed(card: str, path: Path) -> tuple[dict[str, Any], str]:
             "card again with `swarmdata card --write`."
         )
     return front, text
-
-
-def _front_matter(dataset: Dataset) -> dict[str, Any]:
-    recipe = dataset.recipe
-    size = next((name for below, name in SIZE_CATEGORIES if dataset.n_steps < below), "1M<n<10M")
-    return {
-        "pretty_name": dataset.id,
-        "license": license_of(dataset.recipe),
-        "annotations_creators": ["machine-generated"],
-        "task_categories": ["reinforcement-learning", "robotics"],
-        "tags": ["swarmdata", "offline-rl", "multi-agent", "zarr", recipe.spec.task, recipe.tier],
-        "size_categories": [size],
-    }
 
 
 def _configuration(dataset: Dataset) -> dict[str, Any]:

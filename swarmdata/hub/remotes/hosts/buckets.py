@@ -10,12 +10,7 @@ from typing import Any, TypeVar
 from swarmdata.errors import AbsentFileError, ConflictError, HubError, quoted
 from swarmdata.hub.remotes.hosts.id_index import INDEX_FILE, index_bytes
 from swarmdata.hub.remotes.interface import Release
-from swarmdata.hub.remotes.network.backoff import (
-    LOCAL_ERRNOS,
-    Backoff,
-    TransientError,
-    refuse_offline,
-)
+from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS, Backoff, TransientError
 from swarmdata.hub.remotes.network.pace import Meter, Pace, watched
 from swarmdata.hub.remotes.release_files import check_size, files_to_publish, version_taken
 from swarmdata.runtime.extras import require_extra
@@ -201,29 +196,21 @@ class BucketRemote:
         return self._try(what, lambda: watched(action, Meter(self._pace, self.address)))
 
     def _try(self, what: str, action: Callable[[], T]) -> T:
-        """Runs a call of fsspec, whose errors have no common type; most of them may pass."""
+        return self._backoff.call(self.address, what, action, _explained)
 
-        def attempt() -> T:
-            refuse_offline(self.address)
-            try:
-                return action()
-            except (HubError, TransientError):
-                raise
-            except FileNotFoundError as error:
-                raise AbsentFileError(
-                    f"{what} failed: it is not there ({quoted(error)})."
-                ) from error
-            except Exception as error:
-                if isinstance(error, OSError) and error.errno in LOCAL_ERRNOS:
-                    raise
-                if isinstance(error, PermissionError) or type(error).__name__ in FINAL_ERRORS:
-                    raise HubError(
-                        f"{what} failed: {quoted(error)}. Look whether your credentials are set "
-                        "and give access."
-                    ) from error
-                raise TransientError(f"{type(error).__name__}: {quoted(error)}") from error
 
-        return self._backoff.run(what, attempt)
+def _explained(error: Exception, what: str) -> Exception | None:
+    """Translates an error of fsspec, whose errors have no common type; most of them may pass."""
+    if isinstance(error, FileNotFoundError):
+        return AbsentFileError(f"{what} failed: it is not there ({quoted(error)}).")
+    if isinstance(error, OSError) and error.errno in LOCAL_ERRNOS:
+        return None
+    if isinstance(error, PermissionError) or type(error).__name__ in FINAL_ERRORS:
+        return HubError(
+            f"{what} failed: {quoted(error)}. Look whether your credentials are set and give "
+            "access."
+        )
+    return TransientError(f"{type(error).__name__}: {quoted(error)}")
 
 
 def _file_system(scheme: str, options: dict[str, Any] | None) -> Any:

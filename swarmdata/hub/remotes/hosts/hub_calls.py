@@ -13,13 +13,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from swarmdata.errors import AbsentFileError, ConflictError, HubError, quoted
-from swarmdata.hub.remotes.network.backoff import (
-    LOCAL_ERRNOS,
-    Backoff,
-    TransientError,
-    refuse_offline,
-    seconds,
-)
+from swarmdata.hub.remotes.network.backoff import LOCAL_ERRNOS, Backoff, TransientError, seconds
 from swarmdata.hub.remotes.network.pace import Meter, Pace, bytes_in, watched
 from swarmdata.hub.remotes.release_files import check_listing
 from swarmdata.store.arrays.shards import file_digest
@@ -221,19 +215,7 @@ class HubCalls:
         return self._call(what, lambda: watched(action, Meter(self._pace, self._address)))
 
     def _call(self, what: str, action: Callable[[], T]) -> T:
-        def attempt() -> T:
-            refuse_offline(self._address)
-            try:
-                return action()
-            except (HubError, TransientError):
-                raise
-            except Exception as error:
-                ours = explained(error, what)
-                if ours is None:
-                    raise
-                raise ours from error
-
-        return self._backoff.run(what, attempt)
+        return self._backoff.call(self._address, what, action, explained)
 
 
 def _listed(file: Any, address: str) -> Listed:

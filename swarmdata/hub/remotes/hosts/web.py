@@ -121,8 +121,6 @@ class WebRemote:
                     raise TransientError("the server sent another range than was asked for")
                 with part.open("ab" if begin else "wb") as file:
                     _copy(response, file, size - begin, url)
-        except TransientError:
-            raise
         except _UnsatisfiableRangeError as error:  # all of it was there, or the file has changed
             part.unlink()
             raise TransientError("the server refused to go on where it had ended") from error

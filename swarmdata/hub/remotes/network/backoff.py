@@ -65,6 +65,10 @@ class TooSlowError(TransientError):
     """A server is slower than it may be; asked once more, and then no more."""
 
 
+Explained = Callable[[Exception, str], Exception | None]
+"""Our error for one of a client library, given what was done; None for one that stays as it is."""
+
+
 @dataclass(frozen=True)
 class Backoff:
     """Tries again after waits that double."""
@@ -94,6 +98,23 @@ class Backoff:
                 wait = self.wait * 2 ** (attempt - 1) if error.after is None else error.after
             self.sleep(min(wait, self.longest))
         raise ValueError(f"attempts is {self.attempts}, expected at least 1")
+
+    def call(self, address: str, what: str, action: Callable[[], T], explained: Explained) -> T:
+        """Runs a call of a client library as `run` does, unless the user is offline."""
+
+        def attempt() -> T:
+            refuse_offline(address)
+            try:
+                return action()
+            except (HubError, TransientError):
+                raise
+            except Exception as error:
+                ours = explained(error, what)
+                if ours is None:
+                    raise
+                raise ours from error
+
+        return self.run(what, attempt)
 
 
 def seconds(text: str | None) -> float | None:

@@ -86,13 +86,6 @@ def redirect(host: StaticHost, to: str) -> None:
     host.faults = [Fault("GET .*manifest", 302, place, times=1)]
 
 
-def test_names_are_resolved_once_and_connected_to_what_was_found(
-    host: StaticHost, names: Names
-) -> None:
-    assert remote("http://data.example").find(ID) is not None
-    assert names.dialled == [PUBLIC]
-
-
 def test_a_remote_at_an_address_of_ipv6(
     host: StaticHost, names: Names, dataset: Path, tmp_path: Path
 ) -> None:
