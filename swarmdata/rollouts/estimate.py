@@ -11,7 +11,8 @@ from swarmdata.rollouts.score_intervals import (
     count_interval,
     difference_interval,
     mean_interval,
-    rate_interval,
+    rare_rate_interval,
+    rate_difference_interval,
 )
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double, EvalResult
@@ -31,8 +32,9 @@ def estimate(results: Results, metric: str = "return", *, minus: Results | None 
         >>> swarmdata.estimate(iql, "success", minus=swarmdata.evaluate("scripted", "coop_nav"))
 
     The interval is for new training seeds and new episodes of the same distribution; of one result,
-    for this policy on new episodes (`score_intervals.combination_interval`). That of a share is
-    Wilson's if there is one result, that of a count without events Garwood's.
+    for this policy on new episodes (`score_intervals.combination_interval`). Shares near 0 and 1
+    have at least Wilson's, differences of shares that do not vary Newcombe's, and counts without
+    events Garwood's.
 
     Args:
         results: of one policy, or of one for each training seed; on the same episodes.
@@ -48,12 +50,13 @@ def estimate(results: Results, metric: str = "return", *, minus: Results | None 
             episode, such as the time to goal of one that failed.
         UnknownNameError: no such metric.
     """
-    own = _table(results, metric)
+    own, is_rate = _table(results, metric), metric.endswith(RATES)
     if minus is not None:
         check_comparable([*_listed(results), *_listed(minus)])
-        return difference_interval(own, _table(minus, metric))
-    if metric.endswith(RATES):
-        return rate_interval(own)
+        difference = rate_difference_interval if is_rate else difference_interval
+        return difference(own, _table(minus, metric))
+    if is_rate:
+        return rare_rate_interval(own)
     return count_interval(own) if metric in COSTS else mean_interval(own)
 
 

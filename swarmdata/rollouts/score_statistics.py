@@ -67,8 +67,10 @@ def bootstrap(
     return Estimate(float(statistic(scores)), float(low), float(high))
 
 
-def wilson_interval(n_successes: int, n_episodes: int) -> Estimate:
+def wilson_interval(n_successes: float, n_episodes: int) -> Estimate:
     """Returns the success rate with its Wilson score interval, which is accurate near 0 and 1 too.
+
+    A mean over seeds of the number of successes need not be whole.
 
     (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
     Binomial Proportion", Statistical Science 16:2, 2001.)

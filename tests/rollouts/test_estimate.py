@@ -8,6 +8,7 @@ import pytest
 import swarmdata
 from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.rollouts.score_intervals import count_interval, mean_interval, rate_interval
+from swarmdata.rollouts.score_statistics import wilson_interval
 from swarmdata.types import Double, EvalResult
 
 RANDOM = np.random.default_rng(3)
@@ -43,6 +44,28 @@ def test_differences_are_paired_by_episode() -> None:
     assert found.value == pytest.approx(0.1, abs=0.01)
     assert found.low > 0.08
     assert alone.high - alone.low > 0.3
+
+
+def solving(n: int) -> EvalResult:
+    """A policy that solves the first n episodes."""
+    return result("a", success=(np.arange(40) < n).astype(float))
+
+
+def test_a_failure_more_does_not_raise_the_lower_end() -> None:
+    never, once = ([solving(40 - k)] + [solving(40)] * 4 for k in (0, 1))
+    assert swarmdata.estimate(never, "success") == wilson_interval(40, 40)
+    assert swarmdata.estimate(once, "success").low < swarmdata.estimate(never, "success").low
+
+
+def test_a_difference_of_certain_outcomes_has_a_width() -> None:
+    found = swarmdata.estimate(solving(40), "success", minus=solving(0))
+    half = 1 - wilson_interval(40, 40).low
+    assert (found.value, found.high) == (1.0, 1.0)
+    assert found.low == pytest.approx(1 - np.hypot(half, half))
+    same = swarmdata.estimate(solving(40), "success", minus=solving(40))
+    assert same.value == 0.0
+    assert same.low == pytest.approx(-half)
+    assert same.high == pytest.approx(half)
 
 
 def test_what_cannot_be_estimated_is_refused() -> None:

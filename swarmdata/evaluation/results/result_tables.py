@@ -23,6 +23,7 @@ from swarmdata.rollouts.score_intervals import (
     AT_LEAST_ZERO,
     count_interval,
     mean_interval,
+    rare_rate_interval,
     rate_interval,
     target_of,
 )
@@ -138,12 +139,15 @@ def _over_budget(costs: Double, budget: float) -> Estimate:
 
 
 def estimate_with_zeros(quantity: Quantity, case: Case, label: str) -> Estimate:
-    """As `estimate`, but a count without any event has an interval that does not end at 0.
+    """As `estimate`, but counts without an event and rare outcomes have wider intervals.
 
-    Studies estimate without it, as their tables were published.
+    Studies estimate without them, as their tables were published.
     """
+    values = quantity.values(case, label)
     if quantity.column.key in COSTS:
-        return count_interval(quantity.values(case, label))
+        return count_interval(values)
+    if quantity.column.is_rate and not np.isnan(values).any():
+        return rare_rate_interval(values)
     return estimate(quantity, case, label)
 
 
