@@ -106,11 +106,7 @@ class Oryx(OfflineLearner):
         self.parts = (self.descent,)
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step of both on windows, tensors [K, B, L, ...]; returns losses, each [K].
-
-        Raises:
-            SchemaError: the batch has transitions, not windows.
-        """
+        """One step of both on windows, tensors [K, B, L, ...]; returns losses, each [K]."""
         if batch.mask.ndim < 3:
             raise SchemaError(
                 f"oryx got a batch of transitions {tuple(batch.mask.shape)}, expected windows "

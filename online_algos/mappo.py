@@ -83,11 +83,7 @@ from swarmdata.types import Bool, Float, copy_step
 
 @dataclass(frozen=True)
 class MAPPOConfig:
-    """Hyperparameters; steps are joint steps of one seed's worlds.
-
-    Raises:
-        SpecError: the entropy is a constant, or a memory does not go with other settings.
-    """
+    """Hyperparameters; steps are joint steps of one seed's worlds."""
 
     n_steps: int = 2_000_000
     n_copies: int = 64  # for each seed
@@ -154,9 +150,6 @@ class MAPPO:
     """K training runs, one a seed, in K E copies of a task: rollouts and updates.
 
     `folder` stays empty: nothing is too large for a checkpoint.
-
-    Raises:
-        SpecError: the shaping does not fit the task, or the task has no such frame.
     """
 
     Config = MAPPOConfig
@@ -234,7 +227,6 @@ class MAPPO:
 
         Raises:
             CheckpointError: the actors do not fit.
-            SpecError: `config.start` names other policies or a teacher.
         """
         if self.config.start != StartConfig():
             raise SpecError(

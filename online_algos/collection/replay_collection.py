@@ -41,11 +41,7 @@ ACTING_STREAM, SAMPLING_STREAM, MEASURING_STREAM = 10, 11, 12
 
 @dataclass(frozen=True)
 class ReplaySettings:
-    """Settings of every algorithm with a replay; steps are joint steps of one seed.
-
-    Raises:
-        SchemaError: the capacity is less than a step of every copy.
-    """
+    """Settings of every algorithm with a replay; steps are joint steps of one seed."""
 
     n_steps: int = 2_000_000
     n_copies: int = 64
@@ -75,10 +71,6 @@ class OffPolicy(ABC):
     """K seeds of an algorithm that learns from a replay of their steps in worlds of their own.
 
     `env` has K E copies of a task, `folder` gets the replay.
-
-    Raises:
-        SchemaError: there are not `n_copies` for each seed.
-        SpecError: a reward weight does not exist or cannot have its value.
 
     Attributes:
         frames: joint steps that each seed has taken.
@@ -132,11 +124,7 @@ class OffPolicy(ABC):
         return actions
 
     def mix_in(self, data: Data, share: float) -> None:
-        """Draws a share of each batch from a dataset from now on, `collection.recorded_rows`.
-
-        Raises:
-            SpecError: training has other reward weights than the task, which the data have.
-        """
+        """Draws a share of each batch from a dataset from now on, `collection.recorded_rows`."""
         weights, size = self.config.reward_weights, self.config.batch_size
         if weights:
             raise SpecError(
@@ -239,11 +227,7 @@ class OffPolicy(ABC):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned, and begins new episodes.
-
-        Raises:
-            CheckpointError: the replay in the folder does not belong to the state.
-        """
+        """Restores what `state_dict` returned, and begins new episodes."""
         own = part(state, "collector")
         self.replay.load_state_dict(part(own, "replay"))
         self.frames = int(own["frames"])
@@ -260,11 +244,7 @@ class OffPolicy(ABC):
 
 @dataclass(frozen=True, slots=True)
 class LinearSchedule:
-    """Goes from `start` to `end` over the first `duration` of training, and stays there.
-
-    Raises:
-        SchemaError: the duration is not in (0, 1].
-    """
+    """Goes from `start` to `end` over the first `duration` of training, and stays there."""
 
     start: float
     end: float

@@ -75,11 +75,7 @@ class OfflineStart:
         return self.algorithm.policy(self.index(seed))
 
     def index(self, seed: int) -> int:
-        """Returns the number of a seed among those of the run.
-
-        Raises:
-            CheckpointError: the run has no such seed.
-        """
+        """Returns the number of a seed among those of the run."""
         if seed not in self.run.seeds:
             raise CheckpointError(
                 f"{self.name} has the seeds {', '.join(map(str, self.run.seeds))}, expected seed "
@@ -123,11 +119,7 @@ class StartsOffline(Protocol):
 
 
 def read_start(folder: Path | str) -> OfflineStart:
-    """Reads the run to start from.
-
-    Raises:
-        CheckpointError: the folder holds no offline run, or its checkpoint is absent or damaged.
-    """
+    """Reads the run to start from."""
     path = Path(folder)
     if is_online((run_folders(path) or (path,))[0]):
         raise CheckpointError(
@@ -167,11 +159,7 @@ def as_text(sizes: Sequence[int]) -> str:
 
 
 def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
-    """Returns the run's first policy, whose actions pass through tanh, or are clipped.
-
-    Raises:
-        CheckpointError: it is another kind of policy.
-    """
+    """Returns the run's first policy, whose actions pass through tanh, or are clipped."""
     policy = start.algorithm.policy(0)
     if isinstance(policy, TorchPolicy) and policy.squash == squash:
         return policy
@@ -185,11 +173,7 @@ def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
 
 
 def actor_settings(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-    """Returns the settings of the run's actors.
-
-    Raises:
-        CheckpointError: their actions are not clipped, or they have not two equal hidden layers.
-    """
+    """Returns the settings of the run's actors."""
     actor = actor_of(start, squash=False)
     hidden = hidden_sizes(actor.layers)
     if len(hidden) != 2 or hidden[0] != hidden[1]:

@@ -91,9 +91,6 @@ class AvoidingTeam:
     """Implements `teacher_cloning.Teacher`: another teacher, kept from contacts.
 
     `margin` is the gap kept from surfaces besides `avoidance.SURFACE_GAP`, m.
-
-    Raises:
-        SpecError: the robots' commands are not velocities in the world's axes.
     """
 
     def __init__(self, teacher: Teacher, env: VecEnv, margin: float) -> None:

@@ -98,9 +98,6 @@ class PayloadPotential:
     The length is that of the payload's path to its goal, in metres, the cosine that of the angle
     between the path's direction and the line from the robot to the payload. The path's term is 0 in
     steps from or to a place without a path.
-
-    Raises:
-        SpecError: the task has no payload.
     """
 
     def __init__(
@@ -121,11 +118,7 @@ class PayloadPotential:
 
 
 class PayloadPaths:
-    """The payload's shortest paths in the episodes that run in C copies.
-
-    Raises:
-        SpecError: the task has no payload.
-    """
+    """The payload's shortest paths in the episodes that run in C copies."""
 
     def __init__(self, spec: TaskSpec, n_copies: int) -> None:
         payload = getattr(spec.rules, "payload", None)

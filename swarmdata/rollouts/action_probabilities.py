@@ -109,11 +109,7 @@ class LastMeans(Generic[M]):
         return self._means if step is self._step else None
 
     def require(self, step: Step) -> M:
-        """Returns the means of `step`, [E, N, C].
-
-        Raises:
-            SchemaError: `step` is not the last one stored.
-        """
+        """Returns the means of `step`, [E, N, C]."""
         if step is not self._step or self._means is None:
             raise SchemaError(
                 "log_probs got another step than the last call of act, expected the same object: a "

@@ -146,9 +146,6 @@ class EpisodeRing:
 
         Returns:
             The next step.
-
-        Raises:
-            SchemaError: an episode runs beyond the horizon and would overwrite its own beginning.
         """
         actions = policy.act(step)
         self._write(policy, "act", "actions", actions)

@@ -36,9 +36,6 @@ def mean_interval(values: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
     Args:
         values: finite, [K, E]; differences of the same policies on the same episodes too.
         bounds: of the values; the interval ends there, which leaves its coverage as it is.
-
-    Raises:
-        SchemaError: the table is not finite, or not [seeds, episodes].
     """
     return _within(bounds, combination_interval([values], [1.0]))
 
@@ -52,9 +49,6 @@ def difference_interval(x: Double, y: Double) -> Estimate:
     """Returns the mean of `x` minus that of `y` on the same episodes, with its interval.
 
     What an episode does to both, [K, E] and [J, E], cancels; the seeds of both count.
-
-    Raises:
-        SchemaError: a table is not finite, or the tables differ in episodes.
     """
     return combination_interval([x, y], [1.0, -1.0])
 
@@ -132,9 +126,6 @@ def rate_interval(outcomes: Double) -> Estimate:
 
     Args:
         outcomes: 0 or 1, [K, E].
-
-    Raises:
-        SchemaError: the table is not finite, or not [seeds, episodes].
     """
     _check([outcomes])
     first = outcomes[0]
@@ -153,9 +144,6 @@ def count_interval(counts: Double) -> Estimate:
 
     Args:
         counts: of events, 0 or more, [K, E].
-
-    Raises:
-        SchemaError: the table is not finite, or not [seeds, episodes].
     """
     found = mean_interval(counts, bounds=AT_LEAST_ZERO)
     if counts.any() or math.isnan(found.high):
@@ -205,9 +193,6 @@ def t_quantile(probability: float, df: float) -> float:
     Args:
         probability: 0.5 or more, below 1.
         df: degrees of freedom, 1 or more; infinity gives the normal quantile.
-
-    Raises:
-        ValueError: an argument is out of its range.
     """
     if not (0.5 <= probability < 1.0 and df >= 1.0):
         raise ValueError(

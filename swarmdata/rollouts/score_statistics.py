@@ -46,9 +46,6 @@ def bootstrap(
         scores: a finite table [runs, tasks]; episodes of one policy are runs of one task.
         generator: source of the resamples.
         n_resamples: number of resamples.
-
-    Raises:
-        SchemaError: the table is not a finite, non-empty [runs, tasks].
     """
     if scores.ndim != 2 or not scores.size or not np.isfinite(scores).all():
         raise SchemaError(
@@ -72,9 +69,6 @@ def wilson_interval(n_successes: int, n_episodes: int) -> Estimate:
 
     (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
     Binomial Proportion", Statistical Science 16:2, 2001.)
-
-    Raises:
-        SchemaError: there is no episode, or more successes than episodes.
     """
     if not 0 <= n_successes <= n_episodes or n_episodes == 0:
         raise SchemaError(

@@ -57,7 +57,6 @@ class SidePolicy:
 
     Raises:
         UnknownNameError: the task has no such side.
-        SpecError: the task has one side only, or a side has no policy.
     """
 
     def __init__(
@@ -86,11 +85,7 @@ class SidePolicy:
             seat.policy.reset(step_of_side(step, seat.side) if seat.is_own else step, copies)
 
     def act(self, step: Step) -> Float:
-        """Returns the actions of all sides, [E, N, A].
-
-        Raises:
-            SchemaError: a policy returned actions for another number of robots.
-        """
+        """Returns the actions of all sides, [E, N, A]."""
         actions: Float = np.empty((len(step.seeds), *self._shape), dtype=np.float32)
         for seat, seen in zip(self._seats, self._seen(step), strict=True):
             found, expected = seat.policy.act(seen), seen.observations.shape[1]

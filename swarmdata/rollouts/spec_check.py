@@ -19,10 +19,6 @@ def probe(spec: TaskSpec) -> VecEnv:
 
     Returns:
         The environment.
-
-    Raises:
-        SpecError: the spec contradicts itself, layouts cannot be drawn, or a number in the world is
-            not finite; the message lists all problems.
     """
     env = make_env(spec)
     problems = list(_problems(env))

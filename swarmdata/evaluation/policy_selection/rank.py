@@ -97,9 +97,6 @@ def rank(
 
     Raises:
         CheckpointError: a folder holds no run, or a damaged one.
-        SchemaError: the runs and the dataset do not have the same data, there are no validation
-            episodes, a policy cannot report its actions, both `n_episodes` and `results` are
-            given, or `results` are of other policies or different episodes.
         SpecError: `n_episodes` with a recording of another environment.
     """
     config = config or FQEConfig()

@@ -100,10 +100,6 @@ def draw_target(
         backend: simulator of policies, tiers and runs.
         size: as `write_clip` takes it.
         stride: as `write_clip` takes it.
-
-    Raises:
-        SchemaError: the suffix is unknown, or there is no such episode.
-        SpecError: a task or a simulator is given with a dataset.
     """
     check_clip(out)
     data = name if is_dataset(name) else own_dataset(name)

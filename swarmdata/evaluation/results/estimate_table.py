@@ -96,11 +96,7 @@ class Table:
         )
 
     def panels(self, keys: Sequence[str]) -> dict[str, dict[str, Estimate]]:
-        """Returns columns in shown units, for `plot_estimates`: header -> row -> estimate.
-
-        Raises:
-            UnknownNameError: the table has no such column.
-        """
+        """Returns columns in shown units, for `plot_estimates`: header -> row -> estimate."""
         known = {column.key: index for index, column in enumerate(self.columns)}
         chosen = {}
         for key in keys:

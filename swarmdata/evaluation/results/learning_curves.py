@@ -33,10 +33,6 @@ def read_curve(paths: Sequence[Path], metric: str, *, progress: str = "updates")
     """Reads one metric from `curve.csv` files.
 
     The `seed` column separates the runs of a file; a file without it holds one run.
-
-    Raises:
-        SchemaError: a column is missing, a value is not a number, or runs were measured at
-            different points.
     """
     runs: dict[tuple[Path, str], list[tuple[float, float]]] = {}
     for path in paths:

@@ -79,7 +79,6 @@ def write_report(
     Raises:
         DatasetNotFoundError: there are no results.
         ResultsError: results are stale, or cannot be compared.
-        SchemaError: the suffix is unknown.
         MissingExtraError: matplotlib is not installed; the tables are written nevertheless.
         OutputError: `out` has files that no report wrote.
     """

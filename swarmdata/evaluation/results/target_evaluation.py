@@ -76,11 +76,7 @@ def evaluate_target(
 
 
 def kept_result(spec: Spec, provenance: Provenance, seeds: Seeds, out: Path) -> Result | None:
-    """Reads the result of exactly this policy, spec, seeds and code, if a folder has it.
-
-    Raises:
-        ResultsError: the file of that name is of another run.
-    """
+    """Reads the result of exactly this policy, spec, seeds and code, if a folder has it."""
     path = out / file_name(provenance, spec.hash())
     if not path.exists():
         return None

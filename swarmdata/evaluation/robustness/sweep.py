@@ -140,7 +140,6 @@ def run_point(planned: Sweep, name: str) -> bool:
     done yet.
 
     Raises:
-        UnknownNameError: no such point.
         ResultsError: `out` has results of another run with the same name and dataset.
     """
     points = planned.points()

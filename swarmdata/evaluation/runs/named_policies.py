@@ -140,12 +140,7 @@ def takes_noise(name: str, spec: TaskSpec) -> bool:
 
 
 def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]:
-    """The policies of a tier of a task of the package.
-
-    Raises:
-        UnknownNameError: the task has no such tier.
-        SpecError: the name is one of a folder that holds no run.
-    """
+    """The policies of a tier of a task of the package."""
     family = next((each for each, known in FAMILY_SPECS.items() if known == spec), None)
     trained = {tier for tier in TRAINED_TIERS if family is not None and sources(family, tier)}
     if family is not None and name in trained:
@@ -200,13 +195,7 @@ def _exact_copy(policy: Policy, spec: TaskSpec | SideSpec, path: Path) -> float 
 
 
 def find_opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, str]:
-    """Who plays against a side, as `play_sides` takes it, and its name in results.
-
-    Raises:
-        SpecError: the name is of a run for no other side of the task.
-        UnknownNameError: it is neither a registered policy nor a run folder; or there is no such
-            side.
-    """
+    """Who plays against a side, as `play_sides` takes it, and its name in results."""
     spec.side(side)
     if (run := find_run(name)) is not None:
         found = open_run(run)
@@ -275,12 +264,7 @@ def make_policy(
 
 
 def open_run(run: Path) -> "Trained":
-    """Reads a run folder of offline or online training.
-
-    Raises:
-        MissingExtraError: torch is not installed.
-        CheckpointError: as `read_trained` says.
-    """
+    """Reads a run folder of offline or online training."""
     require_extra("torch", "torch", f"loading the run {run}")
     from swarmdata.evaluation.runs.trained_policies import read_trained  # noqa: PLC0415  (torch)
 

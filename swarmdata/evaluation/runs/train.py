@@ -457,10 +457,6 @@ def read_settings(name: str) -> dict[str, str]:
 
     Args:
         name: of a file in `online_algos/configs`, without `.yaml`, or a path.
-
-    Raises:
-        UnknownNameError: there is no such file.
-        SpecError: the file is not a table.
     """
     folder = files("swarmdata.online_algos") / "configs"
     shipped = {Path(file.name).stem: file for file in folder.iterdir()}

@@ -87,11 +87,7 @@ class Tuning(Frozen):
         return found
 
     def choice(self, rule: Rule) -> int:
-        """The number of the trial that a rule chooses, the first of equal ones.
-
-        Raises:
-            ResultsError: all trials failed.
-        """
+        """The number of the trial that a rule chooses, the first of equal ones."""
         found = self.criterion(rule)
         if np.isneginf(found).all():
             raise ResultsError(f"all trials of {self.algorithm} failed: {self.trials[0].failure}")

@@ -51,11 +51,7 @@ CHUNK_SIZE = 1024  # transitions at once
 
 @dataclass(frozen=True)
 class FQEConfig:
-    """How values are fitted; one setting for all datasets.
-
-    Raises:
-        SchemaError: a number is out of range.
-    """
+    """How values are fitted; one setting for all datasets."""
 
     n_updates: int = 3_000
     batch_size: int = 256

@@ -43,11 +43,7 @@ FLOW_STREAM = 4
 
 
 class JointFlow:
-    """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends.
-
-    Raises:
-        SchemaError: there is no hidden layer, or no step of Euler's method.
-    """
+    """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends."""
 
     def __init__(self, setup: Setup, hidden: tuple[int, ...], n_steps: int) -> None:
         if not hidden or n_steps < 1:

@@ -64,11 +64,7 @@ def make_actor(
     squash: bool,
     policy_network: PolicyNetwork,
 ) -> StackedActor | RecurrentActor:
-    """Makes the actors of K seeds, which remember if the settings say so.
-
-    Raises:
-        SchemaError: networks over sets are to remember.
-    """
+    """Makes the actors of K seeds, which remember if the settings say so."""
     if settings.has_memory:
         if policy_network != "mlp":
             raise SchemaError(

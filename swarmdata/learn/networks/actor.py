@@ -30,9 +30,6 @@ class StackedActor:
     Args:
         squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
         policy_network: `deep_sets` reads the slots of an observation as sets (`set_networks`).
-
-    Raises:
-        SchemaError: features have no names, which `deep_sets` needs.
     """
 
     def __init__(

@@ -132,11 +132,7 @@ class StackedLayers:
         self.flat.copy_(flat)
 
     def load_layers(self, rows: slice, layers: Sequence[Layer]) -> None:
-        """Replaces the weights of some networks.
-
-        Raises:
-            CheckpointError: they are of other layer sizes.
-        """
+        """Replaces the weights of some networks."""
         own = [[part[rows] for part in present(layer)] for layer in self._frozen]
         given = [present(layer) for layer in layers]
         shapes = [[[part.shape for part in layer] for layer in side] for side in (own, given)]

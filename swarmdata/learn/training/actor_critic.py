@@ -94,11 +94,7 @@ ACTOR_CRITIC_SPACE: Space = {
 
 @dataclass(frozen=True)
 class ExtractionConfig:
-    """Settings of the extraction of a policy; one setting for all datasets.
-
-    Raises:
-        SchemaError: the inverse temperature is 0.
-    """
+    """Settings of the extraction of a policy; one setting for all datasets."""
 
     extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`

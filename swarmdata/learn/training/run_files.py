@@ -62,9 +62,6 @@ def find_run(name: str | Path) -> Path | None:
 
     Args:
         name: its folder; or `zoo:ALGORITHM/DATASET`, a finished run of the package.
-
-    Raises:
-        UnknownNameError: the zoo has no such run.
     """
     if str(name).startswith(ZOO):
         if (wanted := str(name).removeprefix(ZOO)) not in zoo():
@@ -93,11 +90,7 @@ class Seed(NamedTuple):
 
 
 def seeds_of(runs: Sequence[Path]) -> list[Seed]:
-    """Returns all seeds of run folders, or of the runs in a folder that several processes trained.
-
-    Raises:
-        BuildError: a folder holds no run.
-    """
+    """All seeds of run folders, or of the runs in a folder that several processes trained."""
     found = []
     for run in runs:
         folders = run_folders(run)

@@ -84,9 +84,6 @@ def check_range(kind: type, name: str, value: Any) -> None:
         kind: class of the config, or of its section.
         name: of its field.
         value: of the field's type.
-
-    Raises:
-        SpecError: a number is outside the range, or a tuple of numbers is empty.
     """
     if name not in RANGES or not (name in OF_EVERY_TRAINING or _is_ours(kind, name)):
         return

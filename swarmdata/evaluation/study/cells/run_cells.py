@@ -24,11 +24,7 @@ WORKER = "swarmdata.evaluation.study.cells.cell_worker:cell_runner"
 
 
 def select_cells(cells: Sequence[Cell], pattern: str | None) -> list[Cell]:
-    """Returns the cells whose names match a pattern such as `bc/*`; all of them for None.
-
-    Raises:
-        UnknownNameError: no name matches.
-    """
+    """Returns the cells whose names match a pattern such as `bc/*`; all of them for None."""
     found = [cell for cell in cells if pattern is None or fnmatch(cell.name, pattern)]
     if not found and pattern is not None:
         raise UnknownNameError("cell", pattern, [cell.name for cell in cells])
@@ -94,11 +90,7 @@ def run_cells(
 
 
 def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
-    """Deletes folders that hold a cell of the same name with another configuration.
-
-    Raises:
-        StaleCellError: there are such folders, and `again` is false.
-    """
+    """Deletes folders that hold a cell of the same name with another configuration."""
     found = [(cell, cell.conflict(cell.folder(work))) for cell in cells]
     stale = [(cell, why) for cell, why in found if why is not None]
     if stale and not again:

@@ -142,9 +142,6 @@ def rewrite_pages(out: Path) -> list[Path]:
 
     What policies reach in other conditions is not computed again: the archive does not have these
     episodes, and the folder has the estimates. Returns the files, the page first.
-
-    Raises:
-        StudyError: the folder has no archive of cells.
     """
     if not (out / ARCHIVE_FILE).exists():
         raise StudyError(
