@@ -55,12 +55,7 @@ class Actor(NamedTuple):
 
 
 def forward(actor: Actor, observations: Float) -> Double:
-    """Returns mean actions in [-1, 1], [E, N, A]; multiples of 2^-12 in the actor's frame.
-
-    Args:
-        actor: the network.
-        observations: as recorded, [E, N, O].
-    """
+    """Returns mean actions in [-1, 1], [E, N, A], multiples of 2^-12, of observations [E, N, O]."""
     n_copies, n_agents, size = observations.shape
     expected = len(actor.mean) - (0 if actor.frame is None else actor.frame.n_added)
     if size != expected:

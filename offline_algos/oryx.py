@@ -177,13 +177,8 @@ def lambda_returns(
 ) -> Tensor:
     """Returns G_t of the steps of windows, [K, B, L, N]; the last of a window bootstraps alone.
 
-    Args:
-        rewards: [K, B, L, N].
-        terminations: whether the task ended, bool [K, B, L].
-        next_values: V' of the states reached, [K, B, L, N].
-        mask: False on padding, [K, B, L].
-        discount: gamma.
-        trace_decay: lambda.
+    Rewards, and V' of the states reached, are [K, B, L, N], terminations [K, B, L]; the mask, [K,
+    B, L], is False on padding. `trace_decay` is lambda.
     """
     goes_on = discount * (~terminations)[..., None]
     following, found = next_values[:, :, -1], []

@@ -239,9 +239,8 @@ class MAPPO:
     def update(self) -> dict[str, Tensor]:
         """One rollout and its gradient steps.
 
-        Returns:
-            The losses of the last minibatches, NaN of actors that do not learn yet; the mean reward
-            that was trained on; the standard deviation of the actions. Each [K].
+        Returns the losses of the last minibatches, NaN of actors that do not learn yet; the mean
+        reward that was trained on; the standard deviation of the actions. Each [K].
         """
         c, std = self.config, self._mean_std()
         self.env.progress = self.progress
@@ -385,16 +384,9 @@ def generalized_advantages(
 ) -> Float:  # fmt: skip
     """Advantages, bootstrapped through truncation and cut at every episode end, [T, C, N].
 
-    C stands for any axes of copies.
-
-    Args:
-        rewards: [T, C, N].
-        values: of the states acted in, [T, C, N].
-        next_values: of the next states, before any reset, [T, C, N].
-        terminations: the task ended, so nothing follows, [T, C].
-        ended: the episode ended, by termination or truncation, [T, C].
-        discount: gamma.
-        gae_lambda: lambda.
+    C stands for any axes of copies. Rewards, values of the states acted in, and of the next states
+    before any reset are [T, C, N]; terminations, after which nothing follows, and `ended`, by these
+    or by truncation, [T, C].
     """
     deltas = rewards + discount * ~terminations[..., None] * next_values - values  # (1)
     advantages = np.zeros_like(deltas)
@@ -419,16 +411,9 @@ def clipped_losses(
     """Returns the negative clipped objective of each sample, and its divergence, two [R, B].
 
     The divergence estimates KL(old, new) by ratio - 1 - log ratio, which is never negative
-    (Schulman, "Approximating KL divergence", 2020); it has no gradient.
-
-    Args:
-        means: of the current policies, [R, B, A].
-        actions: taken, [R, B, A].
-        old_log_probs: of them under the policies that took them, up to the constant
-            A log(2 pi) / 2, which cancels, [R, B].
-        advantages: normalized, [R, B].
-        std: standard deviation of the actions, a number or [R, 1, A].
-        clip: largest change of a ratio from 1 that is rewarded, c.
+    (Schulman, "Approximating KL divergence", 2020); it has no gradient. Means of the current
+    policies and actions are [R, B, A], normalized advantages [R, B], std a number or [R, 1, A]. Old
+    log-probabilities, [R, B], lack A log(2 pi) / 2, which cancels.
     """
     z = (actions - means) / std
     log_std = std.log() if isinstance(std, Tensor) else np.log(std)

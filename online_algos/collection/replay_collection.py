@@ -141,8 +141,7 @@ class OffPolicy(ABC):
     def update(self) -> dict[str, Tensor]:
         """Takes `rollout_steps` steps in all copies, with gradient steps after each.
 
-        Returns:
-            Means of losses, [K], NaN where no step returned them; the mean team reward.
+        Returns means of losses, [K], NaN where no step returned them, and the mean team reward.
         """
         config = self.config
         losses: dict[str, list[Tensor]] = {name: [] for name in self.LOSSES}

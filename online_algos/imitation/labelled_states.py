@@ -33,14 +33,10 @@ class LabelledStates:
 
 
 class StoredStates(LabelledStates):
-    """Labelled states in files, which a resumed run finds as it left them.
+    """Labelled states in files of a folder, which a resumed run finds as it left them.
 
-    Args:
-        folder: of the files; made if absent.
-        n_networks: R.
-        n_rounds: for which there is room.
-        n_samples: of each network in a round.
-        widths: numbers in the inputs, I, and in the actions, A.
+    There is room for `n_rounds` of `n_samples` of each of R networks, whose inputs and actions have
+    `widths` numbers, I and A.
     """
 
     def __init__(

@@ -27,13 +27,7 @@ def episode_seeds(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
 
 
 def make_source_policy(source: PolicySource, spec: TaskSpec, folder: Path | None = None) -> Policy:
-    """Builds a behavior policy as the recipe states it, noise included.
-
-    Args:
-        source: one of the recipe's policies.
-        spec: the task.
-        folder: the dataset's folder, which may contain checkpoints; None: only the package's.
-    """
+    """Builds a recipe's policy, noise included; its checkpoint may be in the dataset's folder."""
     if source.opponents:
         seats = dict(zip((side.name for side in spec.sides), source.acting, strict=True))
         own = [name for name, each in seats.items() if each.checkpoint is not None]

@@ -35,17 +35,12 @@ def bootstrap(
 ) -> Estimate:
     """Stratified percentile bootstrap, for statistics that `score_intervals` has no model of.
 
-    A resample draws, independently for every task, as many runs as there are, with replacement;
-    tasks are not resampled (Agarwal et al., "Deep Reinforcement Learning at the Edge of the
-    Statistical Precipice", NeurIPS 2021, section 4.1). The bounds are the
-    (1 - `LEVEL`) / 2 and (1 + `LEVEL`) / 2 quantiles of the statistic over resamples, linearly
-    interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
-
-    Args:
-        statistic: maps tables [..., runs, tasks] to [...]; for example `mean`.
-        scores: a finite table [runs, tasks]; episodes of one policy are runs of one task.
-        generator: source of the resamples.
-        n_resamples: number of resamples.
+    A resample of scores, finite [runs, tasks], draws, independently for every task, as many runs as
+    there are, with replacement; tasks are not resampled (Agarwal et al., "Deep Reinforcement
+    Learning at the Edge of the Statistical Precipice", NeurIPS 2021, section 4.1). The bounds are
+    the (1 - `LEVEL`) / 2 and (1 + `LEVEL`) / 2 quantiles of the statistic, which maps [..., runs,
+    tasks] to [...], over resamples, linearly interpolated (Efron and Tibshirani, "An Introduction
+    to the Bootstrap", 1993, section 13.3).
     """
     if scores.ndim != 2 or not scores.size or not np.isfinite(scores).all():
         raise SchemaError(

@@ -156,11 +156,9 @@ def _latex(text: str) -> str:
 
 
 def to_csv(rows: Sequence[Mapping[str, object]], digits: str = ".8g") -> str:
-    """The rows as CSV, in the order of their keys; undefined values are empty.
+    """The rows, which may lack some columns, as CSV in the order of their keys; NaN is empty.
 
-    Args:
-        rows: by column; a row may lack some.
-        digits: format of floats, by default the same on every machine; empty: every bit.
+    `digits` is the format of floats, by default the same on every machine; empty: every bit.
     """
     names = list(dict.fromkeys(name for row in rows for name in row))
     out = io.StringIO()

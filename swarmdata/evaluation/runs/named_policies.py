@@ -59,15 +59,10 @@ def behaviors_of(
 ) -> tuple[Behavior, ...]:
     """Returns the behavior policies that a name means, one for each seed of a run.
 
-    Args:
-        name: as `generate` takes it; or a registered policy or a run for each side of the task,
-            such as `tag-greedy,runs/evader`.
-        share: of the joint steps, which the policies have in equal parts.
-        spec: the task.
-        noise: of actions; policies that take none, such as `random`, act without.
-        folder: where copies of networks go, into its folder `checkpoints`.
-
-    Raises as `generate` does.
+    A name is as `generate` takes it; or a registered policy or a run for each side of the task,
+    such as `tag-greedy,runs/evader`. The policies have equal parts of a share of the joint steps;
+    those that take no noise, such as `random`, act without. Copies of networks go into the folder's
+    `checkpoints`. Raises as `generate` does.
     """
     if "," in name:
         found = tuple(_of_sides(name, spec, noise, folder / CHECKPOINTS))

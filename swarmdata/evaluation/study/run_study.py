@@ -72,14 +72,7 @@ def run_study(
 ) -> tuple[dict[str, str], list[Path]]:
     """Runs the cells of a study that are not done yet, and writes the pages of all that are.
 
-    Returns:
-        Why cells failed, by name, and the files that were written, the page first.
-
-    Raises:
-        OutputError: `options.out` has files that no study wrote.
-        StaleCellError: the folder has results of another configuration.
-        StudyError: no cell is done, so there is nothing to write.
-        UnknownNameError: no such algorithm, setting, dataset or cell.
+    Returns why cells failed, by name, and the files that were written, the page first.
     """
     check_output(options.out, STUDY)
     for task in study.tasks.tasks if study.tasks else ():

@@ -64,12 +64,9 @@ class JointFlow:
     ) -> Tensor:
         """Returns L(e), the mean over rows, [K].
 
-        Args:
-            x: c, normalized states and observations, [K, B, S + N O].
-            actions: of the data, [K, B, N, A].
-            noise: z, standard normal, [K, B, N, A].
-            times: t, uniform in [0, 1), [K, B, 1].
-            alive: which robots count, [K, B, N], as in `presence`.
+        x is c, normalized, [K, B, S + N O], actions the data's, [K, B, N, A]; the noise z is
+        standard normal, [K, B, N, A], times t uniform in [0, 1), [K, B, 1]; `alive` is as in
+        `presence`, [K, B, N].
         """
         on_path = noise + times[..., None] * (actions - noise)
         team = torch.cat([x, on_path.flatten(2), times], 2)

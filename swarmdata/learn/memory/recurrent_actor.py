@@ -25,8 +25,7 @@ from swarmdata.types import Batch
 class RecurrentActor:
     """Maps all normalized observations of an episode so far, and the agent's number, to actions.
 
-    Args:
-        squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
+    Outputs pass through tanh (`squash`), or are clipped when acting only.
     """
 
     def __init__(

@@ -189,15 +189,10 @@ class SetPolicy(Memoryless):
         return in_world(self.frame, observations, local).astype(np.float32)
 
     def fitted(self, features: Sequence[Feature], robots: Sequence[Robot]) -> "SetPolicy":
-        """Returns the same policy for observations with other numbers of slots.
+        """Returns the same policy for a team of robots and features with other numbers of slots.
 
-        Args:
-            features: of one robot's observation.
-            robots: of the team.
-
-        Raises:
-            PolicyFitError: the own features, the kinds of slots or their fields differ.
-            SpecError: the vector that the frame turns with is not observed.
+        Raises PolicyFitError if the own features, the kinds of slots or their fields differ, and
+        SpecError if the vector that the frame turns with is not observed.
         """
         frame = find_frame(features, self.anchor, robots)
         slots = slots_of(tuple(feature.name for feature in features), frame)

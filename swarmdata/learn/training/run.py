@@ -95,12 +95,8 @@ class Run(Generic[D]):
     ) -> None:
         """Writes a checkpoint of the algorithm's `state`, and `others` beside it, over the last.
 
-        Args:
-            now: updates, or joint steps of each seed, so far.
-            state: of the algorithm.
-            others: tensors beside it.
-            keep: whether the checkpoint is kept beside later ones too, `kept_path`.
-            **metadata: JSON values.
+        `now` counts updates, or joint steps of each seed, so far; `keep`: whether the checkpoint
+        stays beside later ones too, `kept_path`; metadata are JSON values.
         """
         tensors = {f"algorithm.{name}": tensor for name, tensor in state.items()}
         self.check_finite(tensors, "the algorithm's tensors", now)

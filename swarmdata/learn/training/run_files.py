@@ -58,11 +58,7 @@ def run_folders(folder: Path) -> tuple[Path, ...]:
 
 
 def find_run(name: str | Path) -> Path | None:
-    """Finds a training run by its name; None: that is no run.
-
-    Args:
-        name: its folder; or `zoo:ALGORITHM/DATASET`, a finished run of the package.
-    """
+    """Finds a training run by its folder, or as `zoo:ALGORITHM/DATASET`; None: that is no run."""
     if str(name).startswith(ZOO):
         if (wanted := str(name).removeprefix(ZOO)) not in zoo():
             hint = "Train others with `swarmdata train ALGORITHM DATASET`."

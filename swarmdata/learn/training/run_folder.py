@@ -138,13 +138,7 @@ class Loaded:
 def load_algorithm(
     folder: Path | str, device: torch.device | str = "cpu", update: int | None = None
 ) -> Loaded:
-    """Loads the algorithm of a run folder with all its networks.
-
-    Args:
-        folder: of the run.
-        device: where it computes.
-        update: of a checkpoint that was kept; None for the last one.
-    """
+    """Loads a run's algorithm with all its networks, as of the last update or one that was kept."""
     path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
     loaded = load_last(folder, device, path)
     if loaded.is_compact:

@@ -40,21 +40,11 @@ def run_cells(
     again: bool = False,
     progress: bool = True,
 ) -> dict[str, str]:
-    """Runs the cells that are not done yet; after a kill, the same call resumes.
+    """Runs the cells that are not done yet; returns why cells failed, by name.
 
-    Args:
-        cells: of a study.
-        work: the study's folder of cells.
-        workers: processes of the engine `local`, each with one thread.
-        engine: where cells run, as `build` takes it; all processes see `work` and the datasets.
-        again: whether stale cells are deleted and run again.
-        progress: whether to show a progress bar on standard error, if that is a terminal.
-
-    Returns:
-        Why cells failed, by name.
-
-    Raises:
-        StaleCellError: a folder holds a cell of another key, and `again` is false.
+    After a kill, the same call resumes. `engine` is as `build` takes it; all processes see `work`
+    and the datasets. `again`: whether stale cells are deleted and run again; StaleCellError
+    otherwise.
     """
     remove_stale(cells, work, again=again)
     waiting = [cell for cell in cells if not cell.is_done(cell.folder(work))]
