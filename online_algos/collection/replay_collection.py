@@ -241,21 +241,9 @@ class OffPolicy(ABC):
         self.learner.load_state_dict(part(state, "learner"))
 
 
-@dataclass(frozen=True, slots=True)
-class LinearSchedule:
-    """Goes from `start` to `end` over the first `duration` of training, and stays there."""
-
-    start: float
-    end: float
-    duration: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.duration <= 1:
-            raise SchemaError(f"{self}: duration is a part of training, expected above 0 and to 1")
-
-    def at(self, progress: float) -> float:
-        """Returns the value when a part `progress` of training, 0 to 1, is done."""
-        return self.start + (self.end - self.start) * min(1.0, progress / self.duration)
+def reached(start: float, end: float, share: float) -> float:
+    """Returns what a value from `start` to `end` is after a share of the way, at most all of it."""
+    return start + (end - start) * min(1.0, share)
 
 
 def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: float) -> Tensor:

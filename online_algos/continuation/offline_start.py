@@ -1,13 +1,15 @@
 """OfflineStart: an offline run whose networks online training begins with.
 
 Online training takes over the run's frame, the statistics that normalize its inputs, and the sizes
-of its networks, so that its first policies act as those of the run do, bit for bit.
+of its networks, so that its first policies act as those of the run do, bit for bit. An algorithm's
+`settings_of` returns the settings to start with, as text; those that a user gives win. Its
+`start_from` takes over what fits, and returns a sentence on all else.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, cast, runtime_checkable
+from typing import cast
 
 import numpy as np
 
@@ -98,24 +100,6 @@ def _changes_rewards(view: str | None) -> bool:
     changes = {} if view is None else parse_json(view, "the view")
     parts = changes.get("mixture", ())
     return "rewards" in changes or any(_changes_rewards(part["view"]) for part in parts)
-
-
-@runtime_checkable
-class StartsOffline(Protocol):
-    """An online algorithm that can begin with the networks of an offline run."""
-
-    @staticmethod
-    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """Returns the settings to start with, as text; those that a user gives win.
-
-        Raises:
-            CheckpointError: the run's policies are of another kind.
-        """
-        ...
-
-    def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over what fits, or raises CheckpointError; returns a sentence on all else."""
-        ...
 
 
 def read_start(folder: Path | str) -> OfflineStart:
