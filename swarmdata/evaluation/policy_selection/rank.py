@@ -13,10 +13,7 @@ import numpy as np
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.policy_selection.rank_statistics import (
-    pessimistic_value,
-    ranking_quality,
-)
+from swarmdata.evaluation.policy_selection.rank_statistics import pessimistic_value, ranking_quality
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
     Criterion,

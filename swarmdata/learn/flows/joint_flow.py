@@ -15,9 +15,8 @@ function of z, and robots that must agree do.
 
 The network predicts where a path ends, not its velocity a - z: the squared error of v at t counts
 (1 - t)^2 times as much (Salimans & Ho 2022, "Progressive Distillation for Fast Sampling of
-Diffusion Models", section 4; arXiv 2603.06454 for flows). Where c tells nearly all of the action, e
-hardly depends on x, where a velocity must cancel the noise ever more exactly. The price: a spread
-much smaller than the noise is not copied.
+Diffusion Models", section 4; arXiv 2603.06454 for flows). A spread much smaller than the noise is
+not copied.
 """
 
 import torch

@@ -65,10 +65,7 @@ from swarmdata.evaluation.study.shifts.shift import (
     transfer_section,
     write_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweeps import (
-    read_sweeps,
-    sweep_sections,
-)
+from swarmdata.evaluation.study.shifts.sweeps import read_sweeps, sweep_sections
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
 from swarmdata.specs.plain_names import without_version
