@@ -61,12 +61,7 @@ from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.input_moments import InputMoments, SeedNormalizer
-from swarmdata.online_algos.collection.replay_collection import (
-    OffPolicy,
-    ReplaySettings,
-    gaussian,
-    reached,
-)
+from swarmdata.online_algos.collection.replay_collection import OffPolicy, ReplaySettings, gaussian
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
@@ -257,8 +252,7 @@ class MADDPG(OffPolicy):
         if not is_warm and self.config.warmup_actions == "random":
             actions = 2 * uniform_like(self.acting, actions) - 1
         else:
-            share = self.progress / self.config.exploration
-            noise = reached(self.config.noise, self.config.final_noise, share)
+            noise = self.faded(self.config.noise, self.config.final_noise)
             actions = gaussian(self.acting, actions, noise)
         return actions, actions
 

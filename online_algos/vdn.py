@@ -39,7 +39,6 @@ from swarmdata.online_algos.collection.replay_collection import (
     OffPolicy,
     ReplaySettings,
     epsilon_greedy,
-    reached,
 )
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
@@ -208,7 +207,7 @@ class VDN(OffPolicy):
     def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Returns actions and their bins, [K, E, N, D], chosen epsilon-greedily."""
         c, n_bins = self.config, self.config.n_bins
-        epsilon = reached(c.epsilon, c.final_epsilon, self.progress / c.exploration)
+        epsilon = self.faded(c.epsilon, c.final_epsilon)
         best = greedy_choices(self.learner.utilities(observations))
         chosen = epsilon_greedy(self.acting, best, n_bins, epsilon)
         return bins.to_actions(chosen, n_bins), chosen.float()

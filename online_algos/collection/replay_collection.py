@@ -138,6 +138,10 @@ class OffPolicy(ABC):
         """Part of the training that is done, in [0, 1]."""
         return min(1.0, self.frames / self.config.n_steps)
 
+    def faded(self, start: float, end: float) -> float:
+        """Returns a value now that goes to its end in the part `config.exploration` of training."""
+        return start + (end - start) * min(1.0, self.progress / self.config.exploration)
+
     def update(self) -> dict[str, Tensor]:
         """Takes `rollout_steps` steps in all copies, with gradient steps after each.
 
@@ -239,11 +243,6 @@ class OffPolicy(ABC):
             self.recorded.load_state_dict(part(own, "recorded"))
         self.learner = self.new_learner()
         self.learner.load_state_dict(part(state, "learner"))
-
-
-def reached(start: float, end: float, share: float) -> float:
-    """Returns what a value from `start` to `end` is after a share of the way, at most all of it."""
-    return start + (end - start) * min(1.0, share)
 
 
 def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: float) -> Tensor:

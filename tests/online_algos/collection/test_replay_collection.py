@@ -1,6 +1,7 @@
 """Collecting: what is kept of two episodes, and what a round returns."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,6 @@ from swarmdata.online_algos.collection.replay_collection import (
     ReplaySettings,
     epsilon_greedy,
     gaussian,
-    reached,
 )
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
@@ -109,8 +109,11 @@ def test_other_reward_weights_are_learned_from(tmp_path: Path) -> None:
         weighted.mix_in(None, 0.5)  # type: ignore[arg-type]
 
 
-def test_a_value_falls_linearly_and_stays() -> None:
-    found = [reached(1.0, 0.2, share) for share in (0.0, 0.5, 1.0, 1.8)]
+def test_a_value_falls_linearly_and_stays(two_episodes: Any, tmp_path: Path) -> None:
+    run, found = Watch(two_episodes, tmp_path), []
+    run.config = SimpleNamespace(n_steps=100, exploration=0.5)
+    for run.frames in (0, 25, 50, 90):
+        found.append(run.faded(1.0, 0.2))
     assert found == pytest.approx([1.0, 0.6, 0.2, 0.2])
 
 
