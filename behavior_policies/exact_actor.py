@@ -55,15 +55,7 @@ class Actor(NamedTuple):
 
 
 def forward(actor: Actor, observations: Float) -> Double:
-    """Returns mean actions in [-1, 1], [E, N, A]; multiples of 2^-12 in the actor's frame.
-
-    Args:
-        actor: the network.
-        observations: as recorded, [E, N, O].
-
-    Raises:
-        SchemaError: the actor was trained on another number of features.
-    """
+    """Returns mean actions in [-1, 1], [E, N, A], multiples of 2^-12, of observations [E, N, O]."""
     n_copies, n_agents, size = observations.shape
     expected = len(actor.mean) - (0 if actor.frame is None else actor.frame.n_added)
     if size != expected:
@@ -103,9 +95,6 @@ def load_actor(data: bytes, n_agents: int, source: str) -> Actor:
     with the one-hot index of the robot. An actor with a frame also has `FRAME_TENSORS` [1], [V] and
     [C, 2], perhaps `frame.heard` [H, 3], and `frame.body` or `frame.mixed` if there are unicycles;
     O then counts the features that its frame adds.
-
-    Raises:
-        CheckpointError: the file is not an actor, or is outside the bounds of exact inference.
     """
     try:
         tensors = {name: _values(array) for name, array in load(data).items()}

@@ -77,11 +77,7 @@ class Controller(ABC):
         self._seeds[copies], self._has_begun[copies] = step.seeds[copies], True
 
     def act(self, step: Step) -> Float:
-        """Returns joint actions, see `interfaces.Policy.act`.
-
-        Raises:
-            SchemaError: the policy has a memory, and `reset` was not called for an episode.
-        """
+        """Returns joint actions, see `interfaces.Policy.act`."""
         if self.has_memory and not (
             self._has_begun.all() and np.array_equal(self._seeds, step.seeds)
         ):

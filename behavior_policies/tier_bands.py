@@ -47,11 +47,9 @@ def out_of_band(
 ) -> tuple[str, ...]:
     """Returns one message for each measured figure of a preset that is outside its band.
 
-    Args:
-        family: a preset's name.
-        figures: mean of each metric over the reserved episodes, without noise, of the policies
-            `idle`, `random`, `scripted`, `medium` and `expert`.
-        is_borrowed: whether the policies were selected in another preset, within its bands.
+    Figures are means of each metric over the reserved episodes, without noise, of the policies
+    `idle`, `random`, `scripted`, `medium` and `expert`. `is_borrowed`: whether the policies were
+    selected in another preset, within its bands.
     """
     medium, expert = figures["medium"], figures["expert"]
     low, high = MEDIUM_SUCCESS

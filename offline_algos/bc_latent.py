@@ -48,11 +48,7 @@ class BCLatentConfig(CloningConfig):
 
 
 class BCLatent(OfflineLearner):
-    """K actors with the latents of M episodes each, trained at once.
-
-    Raises:
-        SchemaError: the number of episodes of the data is not known.
-    """
+    """K actors with the latents of M episodes each, trained at once."""
 
     Config = BCLatentConfig
     FIELDS = ("observations", "actions", "episodes")
@@ -94,11 +90,7 @@ class BCLatent(OfflineLearner):
         return layer.weight + layer.bias
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step on tensors [K, B, ...]; returns the imitation error and mean |w|^2 / D, [K].
-
-        Raises:
-            SchemaError: the batch does not say which episodes its rows are of.
-        """
+        """One step on tensors [K, B, ...]; returns the imitation error and mean |w|^2 / D, [K]."""
         config = self.config
         if batch.episodes is None:
             raise SchemaError("bc_latent got a batch without `episodes`, expected a dataset's")

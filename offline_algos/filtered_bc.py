@@ -34,11 +34,7 @@ from swarmdata.types import Double
 
 @dataclass(frozen=True)
 class FilteredBCConfig(BCConfig):
-    """Behavior cloning of the best episodes.
-
-    Raises:
-        SchemaError: the fraction is not above 0 and at most 1, or the floor is below 1.
-    """
+    """Behavior cloning of the best episodes."""
 
     fraction: float = 0.1  # f; Chen et al. 2021, table 3: of 10, 25, 40 and 100 %, 10 % is usual
     min_episodes: int = 250  # n_min
@@ -53,11 +49,7 @@ class FilteredBCConfig(BCConfig):
             raise SchemaError(f"min_episodes is {self.min_episodes}, expected at least 1")
 
     def least_return(self, returns: Double) -> float:
-        """Returns the return of the last episode that is kept, the best of returns [n] first.
-
-        Raises:
-            SchemaError: there are none.
-        """
+        """Returns the return of the last episode that is kept, the best of returns [n] first."""
         if not len(returns):
             raise SchemaError("there are no episodes to choose from; widen the dataset's filter")
         # 0.1 * 30 is a little more than 3 in floating point, and 3 are meant

@@ -43,11 +43,7 @@ class ICQLQS(CFCQL):
     FIELDS = (*CFCQL.FIELDS, "next_actions", "truncations")
 
     def next_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:
-        """Returns a robot's next action in its own value, and the others' in it, [K, B, N, A].
-
-        Raises:
-            SchemaError: the batch does not know the next actions.
-        """
+        """Returns a robot's next action in its own value, and the others' in it, [K, B, N, A]."""
         if batch.next_actions is None:
             raise SchemaError(
                 "a batch for icql_qs has no next_actions, expected those of the data; take batches "

@@ -152,11 +152,8 @@ class IQL(OfflineLearner):
     ) -> tuple[Tensor, dict[str, Tensor]]:
         """Returns what actors prefer of the data's actions, [K, R, N], and losses, each [K].
 
-        Args:
-            steps: transitions, [K, R, ...].
-            x: what the critics see of them.
-            actions: as the critics see them, [K, R, N, A].
-            advantages: u (q_i - V(x_i)), [K, R, N], which is what actors prefer here.
+        Critics see x of the steps, [K, R, ...], and their actions, [K, R, N, A]. Here actors prefer
+        the advantages, u (q_i - V(x_i)), [K, R, N].
         """
         return advantages, {}
 

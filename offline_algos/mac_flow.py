@@ -96,12 +96,7 @@ N_DRAWS = 4
 
 @dataclass(frozen=True)
 class MACFlowConfig(FlowSettings, ActorCriticConfig):
-    """A joint flow, its students and factored critics; one setting for all datasets.
-
-    Raises:
-        SchemaError: own rewards are to be mixed, no part of the updates is left for actors, or
-            networks over sets are asked for.
-    """
+    """A joint flow, its students and factored critics; one setting for all datasets."""
 
     critic_share: float = 0.65  # see the deviations above
     inverse_temperature: float = 2.0  # as `maddpg_bc`; 0 only copies the flow

@@ -106,11 +106,7 @@ class Oryx(OfflineLearner):
         self.parts = (self.descent,)
 
     def update(self, batch: Batch) -> dict[str, Any]:
-        """One step of both on windows, tensors [K, B, L, ...]; returns losses, each [K].
-
-        Raises:
-            SchemaError: the batch has transitions, not windows.
-        """
+        """One step of both on windows, tensors [K, B, L, ...]; returns losses, each [K]."""
         if batch.mask.ndim < 3:
             raise SchemaError(
                 f"oryx got a batch of transitions {tuple(batch.mask.shape)}, expected windows "
@@ -181,13 +177,8 @@ def lambda_returns(
 ) -> Tensor:
     """Returns G_t of the steps of windows, [K, B, L, N]; the last of a window bootstraps alone.
 
-    Args:
-        rewards: [K, B, L, N].
-        terminations: whether the task ended, bool [K, B, L].
-        next_values: V' of the states reached, [K, B, L, N].
-        mask: False on padding, [K, B, L].
-        discount: gamma.
-        trace_decay: lambda.
+    Rewards, and V' of the states reached, are [K, B, L, N], terminations [K, B, L]; the mask, [K,
+    B, L], is False on padding. `trace_decay` is lambda.
     """
     goes_on = discount * (~terminations)[..., None]
     following, found = next_values[:, :, -1], []

@@ -46,11 +46,7 @@ from swarmdata.rollouts.side_env import AnyEnv
 
 @dataclass(frozen=True)
 class DAggerConfig(TeacherSettings):
-    """Hyperparameters; steps are joint steps of one seed's worlds.
-
-    Raises:
-        SpecError: there is no teacher, or a margin is negative.
-    """
+    """Hyperparameters; steps are joint steps of one seed's worlds."""
 
     teacher: str = "scripted"
     n_steps: int = 524_288
@@ -159,11 +155,7 @@ class DAgger:
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned and begins new episodes.
-
-        Raises:
-            CheckpointError: the folder does not hold the labelled states of this state.
-        """
+        """Restores what `state_dict` returned and begins new episodes."""
         self.states.load_state_dict(part(state, "states"))
         self.descent.load_state_dict(state)
         restore_collection(self, state)

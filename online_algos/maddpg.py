@@ -33,7 +33,6 @@ Deviations:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import torch
@@ -62,12 +61,7 @@ from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import td_target
 from swarmdata.learn.policies.torch_policy import TorchPolicy
 from swarmdata.online_algos.collection.input_moments import InputMoments, SeedNormalizer
-from swarmdata.online_algos.collection.replay_collection import (
-    LinearSchedule,
-    OffPolicy,
-    ReplaySettings,
-    gaussian,
-)
+from swarmdata.online_algos.collection.replay_collection import OffPolicy, ReplaySettings, gaussian
 from swarmdata.online_algos.continuation.offline_start import (
     OfflineStart,
     actor_of,
@@ -79,7 +73,6 @@ from swarmdata.online_algos.continuation.offline_start import (
     robot_critics_of,
     settings_of_critics,
 )
-from swarmdata.rollouts.side_env import AnyEnv
 from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
 
@@ -228,12 +221,6 @@ class MADDPG(OffPolicy):
     Config = MADDPGConfig
     LOSSES = (*Learner.LOSSES, "reward")
 
-    def __init__(
-        self, env: AnyEnv, seeds: Sequence[int], config: MADDPGConfig, folder: Path | str
-    ) -> None:
-        super().__init__(env, seeds, config, folder)
-        self.schedule = LinearSchedule(config.noise, config.final_noise, config.exploration)
-
     def new_learner(self) -> Learner:
         return Learner(self.worlds.sizes, self.moments, self.seeds, self.config)
 
@@ -265,7 +252,8 @@ class MADDPG(OffPolicy):
         if not is_warm and self.config.warmup_actions == "random":
             actions = 2 * uniform_like(self.acting, actions) - 1
         else:
-            actions = gaussian(self.acting, actions, self.schedule.at(self.progress))
+            noise = self.faded(self.config.noise, self.config.final_noise)
+            actions = gaussian(self.acting, actions, noise)
         return actions, actions
 
     def learn(self, batch: Batch, scale: float) -> dict[str, Tensor]:

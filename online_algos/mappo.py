@@ -83,11 +83,7 @@ from swarmdata.types import Bool, Float, copy_step
 
 @dataclass(frozen=True)
 class MAPPOConfig:
-    """Hyperparameters; steps are joint steps of one seed's worlds.
-
-    Raises:
-        SpecError: the entropy is a constant, or a memory does not go with other settings.
-    """
+    """Hyperparameters; steps are joint steps of one seed's worlds."""
 
     n_steps: int = 2_000_000
     n_copies: int = 64  # for each seed
@@ -154,9 +150,6 @@ class MAPPO:
     """K training runs, one a seed, in K E copies of a task: rollouts and updates.
 
     `folder` stays empty: nothing is too large for a checkpoint.
-
-    Raises:
-        SpecError: the shaping does not fit the task, or the task has no such frame.
     """
 
     Config = MAPPOConfig
@@ -234,7 +227,6 @@ class MAPPO:
 
         Raises:
             CheckpointError: the actors do not fit.
-            SpecError: `config.start` names other policies or a teacher.
         """
         if self.config.start != StartConfig():
             raise SpecError(
@@ -247,9 +239,8 @@ class MAPPO:
     def update(self) -> dict[str, Tensor]:
         """One rollout and its gradient steps.
 
-        Returns:
-            The losses of the last minibatches, NaN of actors that do not learn yet; the mean reward
-            that was trained on; the standard deviation of the actions. Each [K].
+        Returns the losses of the last minibatches, NaN of actors that do not learn yet; the mean
+        reward that was trained on; the standard deviation of the actions. Each [K].
         """
         c, std = self.config, self._mean_std()
         self.env.progress = self.progress
@@ -393,16 +384,9 @@ def generalized_advantages(
 ) -> Float:  # fmt: skip
     """Advantages, bootstrapped through truncation and cut at every episode end, [T, C, N].
 
-    C stands for any axes of copies.
-
-    Args:
-        rewards: [T, C, N].
-        values: of the states acted in, [T, C, N].
-        next_values: of the next states, before any reset, [T, C, N].
-        terminations: the task ended, so nothing follows, [T, C].
-        ended: the episode ended, by termination or truncation, [T, C].
-        discount: gamma.
-        gae_lambda: lambda.
+    C stands for any axes of copies. Rewards, values of the states acted in, and of the next states
+    before any reset are [T, C, N]; terminations, after which nothing follows, and `ended`, by these
+    or by truncation, [T, C].
     """
     deltas = rewards + discount * ~terminations[..., None] * next_values - values  # (1)
     advantages = np.zeros_like(deltas)
@@ -427,16 +411,9 @@ def clipped_losses(
     """Returns the negative clipped objective of each sample, and its divergence, two [R, B].
 
     The divergence estimates KL(old, new) by ratio - 1 - log ratio, which is never negative
-    (Schulman, "Approximating KL divergence", 2020); it has no gradient.
-
-    Args:
-        means: of the current policies, [R, B, A].
-        actions: taken, [R, B, A].
-        old_log_probs: of them under the policies that took them, up to the constant
-            A log(2 pi) / 2, which cancels, [R, B].
-        advantages: normalized, [R, B].
-        std: standard deviation of the actions, a number or [R, 1, A].
-        clip: largest change of a ratio from 1 that is rewarded, c.
+    (Schulman, "Approximating KL divergence", 2020); it has no gradient. Means of the current
+    policies and actions are [R, B, A], normalized advantages [R, B], std a number or [R, 1, A]. Old
+    log-probabilities, [R, B], lack A log(2 pi) / 2, which cancels.
     """
     z = (actions - means) / std
     log_std = std.log() if isinstance(std, Tensor) else np.log(std)

@@ -22,7 +22,6 @@ Deviations:
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import torch
 from torch import Tensor
@@ -37,7 +36,6 @@ from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import huber_error, td_target, team_reward
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.online_algos.collection.replay_collection import (
-    LinearSchedule,
     OffPolicy,
     ReplaySettings,
     epsilon_greedy,
@@ -49,7 +47,6 @@ from swarmdata.online_algos.continuation.offline_start import (
     frame_name,
     hidden_sizes,
 )
-from swarmdata.rollouts.side_env import AnyEnv
 from swarmdata.specs.features import Feature
 from swarmdata.types import Batch
 
@@ -163,12 +160,6 @@ class VDN(OffPolicy):
     Learner: type[VDNLearner] = VDNLearner
     LOSSES = ("td_loss", "q", "target", "reward")
 
-    def __init__(
-        self, env: AnyEnv, seeds: Sequence[int], config: VDNConfig, folder: Path | str
-    ) -> None:
-        super().__init__(env, seeds, config, folder)
-        self.schedule = LinearSchedule(config.epsilon, config.final_epsilon, config.exploration)
-
     def new_learner(self) -> VDNLearner:
         return self.Learner(self.worlds.sizes, self.seeds, self.config)
 
@@ -215,7 +206,8 @@ class VDN(OffPolicy):
 
     def explore(self, observations: Tensor) -> tuple[Tensor, Tensor]:
         """Returns actions and their bins, [K, E, N, D], chosen epsilon-greedily."""
-        n_bins, epsilon = self.config.n_bins, self.schedule.at(self.progress)
+        c, n_bins = self.config, self.config.n_bins
+        epsilon = self.faded(c.epsilon, c.final_epsilon)
         best = greedy_choices(self.learner.utilities(observations))
         chosen = epsilon_greedy(self.acting, best, n_bins, epsilon)
         return bins.to_actions(chosen, n_bins), chosen.float()

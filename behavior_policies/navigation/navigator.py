@@ -132,10 +132,8 @@ class Navigator:
     ) -> Double:
         """Returns commands that drive every robot to its target, [E, N, 2].
 
-        Args:
-            step: the current step.
-            targets: of the robots, m, [E, N, 2]; None for those in the states.
-            drifts: velocities of the targets, m/s, [E, N, 2]; None if they rest.
+        Targets, m, are those in the states unless given, [E, N, 2]; drifts their velocities, m/s,
+        [E, N, 2], None if they rest.
         """
         maps = self._maps.maps
         states = robots_of(step.states, self._n_agents).astype(np.float64)

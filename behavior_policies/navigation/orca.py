@@ -84,11 +84,7 @@ def _outside(plane: Double, vx: float, vy: float) -> float:
 def best_on_line(
     planes: Double, k: int, limit: float, aim: tuple[float, float], is_direction: bool
 ) -> tuple[bool, float, float]:
-    """Finds the best velocity, m/s, on the border of half-plane k within those before it.
-
-    Returns:
-        Whether there is one, and the velocity.
-    """
+    """Whether a velocity on the border of half-plane k is within those before; the best, m/s."""
     px, py, dx, dy = planes[k, 0], planes[k, 1], planes[k, 2], planes[k, 3]
     middle = px * dx + py * dy
     room = middle * middle + limit * limit - (px * px + py * py)
@@ -123,9 +119,8 @@ def best_velocity(
 ) -> tuple[int, float, float]:
     """Returns the velocity in all half-planes that is nearest to `aim` (paper, section 5.2).
 
-    Returns:
-        The index of the first half-plane that cannot be satisfied, or n; and the best velocity for
-        the half-planes before that one.
+    Before it, the index of the first half-plane that cannot be satisfied, or n; the velocity is
+    then the best one for those before.
     """
     vx, vy = aim
     square = vx * vx + vy * vy

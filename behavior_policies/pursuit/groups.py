@@ -140,13 +140,10 @@ def goals_of_rings(
 
 @kernel
 def goals_of_chases(v: int, leads: Double, hunt: Hunt, beliefs: Beliefs, goals: Double) -> Bool:
-    """Writes where robots drive to that each chase the nearest evader, m, [N, 2].
+    """Writes where robots drive to that chase the nearest evader, m, [N, 2]; returns which do, [N].
 
     `leads`: of each robot, share of its time to the evader, and largest time (s), by which it aims
     ahead, [N, 2].
-
-    Returns:
-        Which of them do, [N].
     """
     n = beliefs.mates.shape[1]
     chases = np.zeros(n, np.bool_)

@@ -204,11 +204,7 @@ def ring_goals(
     hunt: Hunt,  # constants
     goals: Double,  # [Q, 2] written, m
 ) -> tuple[bool, int]:
-    """Writes where the robots of a ring drive to.
-
-    Returns:
-        Whether the ring closes in, and how long it has waited, control steps.
-    """
+    """Writes where a ring's robots drive; returns whether it closes in, and steps it has waited."""
     q = members.shape[0]
     slots, is_filled = np.empty((q, 2)), True
     assign_slots(place, members, RING_RADIUS, layout, hunt, slots)

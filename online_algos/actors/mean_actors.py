@@ -26,16 +26,11 @@ from swarmdata.types import Bool, Float
 
 
 class Actors:
-    """The mean actions of K seeds' teams, from normalized observations.
+    """The mean actions of K seeds' teams, from observations normalized by `moments`.
 
-    Args:
-        sizes: numbers of robots and features.
-        seeds: of the initial parameters, [K].
-        hidden: width of the two hidden layers.
-        parameters: whether the robots of a seed share an actor, which then sees their number.
-        moments: of the observations.
-        memory_size: numbers that each robot remembers, M; 0: actors without a memory.
-        window: steps of the segments through whose memories gradients flow; 1 without a memory.
+    They have two hidden layers of a width, and remember M = `memory_size` numbers for each robot;
+    0: none. Gradients flow through the memories of segments of `window` steps. Robots that share an
+    actor (`parameters`) see their number.
     """
 
     def __init__(

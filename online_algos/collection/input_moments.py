@@ -60,9 +60,6 @@ def measure_moments(
 
     The moments of a seed depend on its own one of K generators, and on its episodes only. Training
     freezes them, so that an actor is one fixed function.
-
-    Raises:
-        SchemaError: the number of generators or of steps is wrong.
     """
     if len(generators) != worlds.n_seeds or n_steps < 1:
         raise SchemaError(

@@ -41,11 +41,7 @@ ACTING_STREAM, SAMPLING_STREAM, MEASURING_STREAM = 10, 11, 12
 
 @dataclass(frozen=True)
 class ReplaySettings:
-    """Settings of every algorithm with a replay; steps are joint steps of one seed.
-
-    Raises:
-        SchemaError: the capacity is less than a step of every copy.
-    """
+    """Settings of every algorithm with a replay; steps are joint steps of one seed."""
 
     n_steps: int = 2_000_000
     n_copies: int = 64
@@ -75,10 +71,6 @@ class OffPolicy(ABC):
     """K seeds of an algorithm that learns from a replay of their steps in worlds of their own.
 
     `env` has K E copies of a task, `folder` gets the replay.
-
-    Raises:
-        SchemaError: there are not `n_copies` for each seed.
-        SpecError: a reward weight does not exist or cannot have its value.
 
     Attributes:
         frames: joint steps that each seed has taken.
@@ -132,11 +124,7 @@ class OffPolicy(ABC):
         return actions
 
     def mix_in(self, data: Data, share: float) -> None:
-        """Draws a share of each batch from a dataset from now on, `collection.recorded_rows`.
-
-        Raises:
-            SpecError: training has other reward weights than the task, which the data have.
-        """
+        """Draws a share of each batch from a dataset from now on, `collection.recorded_rows`."""
         weights, size = self.config.reward_weights, self.config.batch_size
         if weights:
             raise SpecError(
@@ -150,11 +138,14 @@ class OffPolicy(ABC):
         """Part of the training that is done, in [0, 1]."""
         return min(1.0, self.frames / self.config.n_steps)
 
+    def faded(self, start: float, end: float) -> float:
+        """Returns a value now that goes to its end in the part `config.exploration` of training."""
+        return start + (end - start) * min(1.0, self.progress / self.config.exploration)
+
     def update(self) -> dict[str, Tensor]:
         """Takes `rollout_steps` steps in all copies, with gradient steps after each.
 
-        Returns:
-            Means of losses, [K], NaN where no step returned them; the mean team reward.
+        Returns means of losses, [K], NaN where no step returned them, and the mean team reward.
         """
         config = self.config
         losses: dict[str, list[Tensor]] = {name: [] for name in self.LOSSES}
@@ -239,11 +230,7 @@ class OffPolicy(ABC):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned, and begins new episodes.
-
-        Raises:
-            CheckpointError: the replay in the folder does not belong to the state.
-        """
+        """Restores what `state_dict` returned, and begins new episodes."""
         own = part(state, "collector")
         self.replay.load_state_dict(part(own, "replay"))
         self.frames = int(own["frames"])
@@ -256,27 +243,6 @@ class OffPolicy(ABC):
             self.recorded.load_state_dict(part(own, "recorded"))
         self.learner = self.new_learner()
         self.learner.load_state_dict(part(state, "learner"))
-
-
-@dataclass(frozen=True, slots=True)
-class LinearSchedule:
-    """Goes from `start` to `end` over the first `duration` of training, and stays there.
-
-    Raises:
-        SchemaError: the duration is not in (0, 1].
-    """
-
-    start: float
-    end: float
-    duration: float = 1.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.duration <= 1:
-            raise SchemaError(f"{self}: duration is a part of training, expected above 0 and to 1")
-
-    def at(self, progress: float) -> float:
-        """Returns the value when a part `progress` of training, 0 to 1, is done."""
-        return self.start + (self.end - self.start) * min(1.0, progress / self.duration)
 
 
 def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: float) -> Tensor:

@@ -23,9 +23,6 @@ class Worlds:
     Copy k E + e of `env` belongs to seed k. A seed's episodes are a function of the seed and of its
     own past, so that they are the same whichever seeds run beside it. Robots observe and act in
     `frame`; None: the world's.
-
-    Raises:
-        SchemaError: the copies cannot be divided among the seeds.
     """
 
     def __init__(self, env: AnyEnv, seeds: Sequence[int], frame: Frame | None) -> None:

@@ -1,13 +1,15 @@
 """OfflineStart: an offline run whose networks online training begins with.
 
 Online training takes over the run's frame, the statistics that normalize its inputs, and the sizes
-of its networks, so that its first policies act as those of the run do, bit for bit.
+of its networks, so that its first policies act as those of the run do, bit for bit. An algorithm's
+`settings_of` returns the settings to start with, as text; those that a user gives win. Its
+`start_from` takes over what fits, and returns a sentence on all else.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, cast, runtime_checkable
+from typing import cast
 
 import numpy as np
 
@@ -75,11 +77,7 @@ class OfflineStart:
         return self.algorithm.policy(self.index(seed))
 
     def index(self, seed: int) -> int:
-        """Returns the number of a seed among those of the run.
-
-        Raises:
-            CheckpointError: the run has no such seed.
-        """
+        """Returns the number of a seed among those of the run."""
         if seed not in self.run.seeds:
             raise CheckpointError(
                 f"{self.name} has the seeds {', '.join(map(str, self.run.seeds))}, expected seed "
@@ -104,30 +102,8 @@ def _changes_rewards(view: str | None) -> bool:
     return "rewards" in changes or any(_changes_rewards(part["view"]) for part in parts)
 
 
-@runtime_checkable
-class StartsOffline(Protocol):
-    """An online algorithm that can begin with the networks of an offline run."""
-
-    @staticmethod
-    def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """Returns the settings to start with, as text; those that a user gives win.
-
-        Raises:
-            CheckpointError: the run's policies are of another kind.
-        """
-        ...
-
-    def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over what fits, or raises CheckpointError; returns a sentence on all else."""
-        ...
-
-
 def read_start(folder: Path | str) -> OfflineStart:
-    """Reads the run to start from.
-
-    Raises:
-        CheckpointError: the folder holds no offline run, or its checkpoint is absent or damaged.
-    """
+    """Reads the run to start from."""
     path = Path(folder)
     if is_online((run_folders(path) or (path,))[0]):
         raise CheckpointError(
@@ -167,11 +143,7 @@ def as_text(sizes: Sequence[int]) -> str:
 
 
 def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
-    """Returns the run's first policy, whose actions pass through tanh, or are clipped.
-
-    Raises:
-        CheckpointError: it is another kind of policy.
-    """
+    """Returns the run's first policy, whose actions pass through tanh, or are clipped."""
     policy = start.algorithm.policy(0)
     if isinstance(policy, TorchPolicy) and policy.squash == squash:
         return policy
@@ -185,11 +157,7 @@ def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
 
 
 def actor_settings(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-    """Returns the settings of the run's actors.
-
-    Raises:
-        CheckpointError: their actions are not clipped, or they have not two equal hidden layers.
-    """
+    """Returns the settings of the run's actors."""
     actor = actor_of(start, squash=False)
     hidden = hidden_sizes(actor.layers)
     if len(hidden) != 2 or hidden[0] != hidden[1]:

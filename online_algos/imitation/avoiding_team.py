@@ -43,15 +43,11 @@ NO_RIGHT_OF_WAY = 1e9
 def make_safe(
     all_robots: Double, team: Team, half: Double, primitives: Float, margin: float, out: Double
 ) -> None:
-    """Replaces velocity commands by the nearest safe ones.
+    """Replaces velocity commands, in [-1, 1], [E, N, 2], by the nearest safe ones, in `out`.
 
-    Args:
-        all_robots: x, y, vx, vy of the robots of all copies, [E, N, 4].
-        team: constants of the robots.
-        half: half width and half height of the arena, m, [2].
-        primitives: obstacles as convex shapes, [E, P, 8].
-        margin: gap kept from surfaces besides `avoidance.SURFACE_GAP`, m.
-        out: commands, in [-1, 1], replaced, [E, N, 2].
+    `all_robots` are x, y, vx, vy, [E, N, 4], `half` half width and half height of the arena, m,
+    [2], `primitives` obstacles as convex shapes, [E, P, 8]; `margin`, m, is kept from surfaces
+    besides `avoidance.SURFACE_GAP`.
     """
     radii, limits, scales, _, _ = team
     n_robots, rule = all_robots.shape[1], (FILTER_HORIZON, FILTER_GAP)
@@ -91,9 +87,6 @@ class AvoidingTeam:
     """Implements `teacher_cloning.Teacher`: another teacher, kept from contacts.
 
     `margin` is the gap kept from surfaces besides `avoidance.SURFACE_GAP`, m.
-
-    Raises:
-        SpecError: the robots' commands are not velocities in the world's axes.
     """
 
     def __init__(self, teacher: Teacher, env: VecEnv, margin: float) -> None:

@@ -33,17 +33,10 @@ class LabelledStates:
 
 
 class StoredStates(LabelledStates):
-    """Labelled states in files, which a resumed run finds as it left them.
+    """Labelled states in files of a folder, which a resumed run finds as it left them.
 
-    Args:
-        folder: of the files; made if absent.
-        n_networks: R.
-        n_rounds: for which there is room.
-        n_samples: of each network in a round.
-        widths: numbers in the inputs, I, and in the actions, A.
-
-    Raises:
-        CheckpointError: the folder has the states of another run.
+    There is room for `n_rounds` of `n_samples` of each of R networks, whose inputs and actions have
+    `widths` numbers, I and A.
     """
 
     def __init__(
@@ -67,11 +60,7 @@ class StoredStates(LabelledStates):
         return {"checksums": torch.tensor(self._checksums, dtype=torch.int64)}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned, from the files that it left.
-
-        Raises:
-            CheckpointError: the files do not hold these rounds any more.
-        """
+        """Restores what `state_dict` returned, from the files that it left."""
         checksums = state["checksums"].tolist()
         for k, expected in enumerate(checksums):
             rows = slice(k * self._n_samples, (k + 1) * self._n_samples)

@@ -86,19 +86,11 @@ def collect(
     actors: Actors, worlds: Worlds, generators: Sequence[np.random.Generator], teacher: Teacher,
     n_steps: int, noise: float, *, teacher_acts: bool,
 ) -> list[Tensor]:  # fmt: skip
-    """Lets the actors, or the teacher, act for `n_steps`, and the teacher label each step.
+    """Lets actors, or the teacher, act for `n_steps` of every copy; the teacher labels each step.
 
-    Args:
-        actors: of K seeds.
-        worlds: to act in, from their current step on.
-        generators: of the noise, one per seed, [K].
-        teacher: which was reset when the running episodes began.
-        n_steps: to take in every copy.
-        noise: standard deviation of the noise on actions.
-        teacher_acts: whether its actions are taken, with the noise.
-
-    Returns:
-        Inputs of the actors, [R, samples, I], and actions of the teacher, [R, samples, A].
+    The teacher was reset when the running episodes began. Actions are taken with noise of a
+    deviation, by a generator for each of K seeds. Returns inputs of the actors, [R, samples, I],
+    and actions of the teacher, [R, samples, A].
     """
     all_inputs, labels = [], []
     for _ in range(n_steps):

@@ -16,11 +16,7 @@ from swarmdata.types import Float, Int, Step
 
 @dataclass(frozen=True)
 class TeacherSettings:
-    """A teacher, and how careful it is.
-
-    Raises:
-        SpecError: the teacher's margin is given without a teacher.
-    """
+    """A teacher, and how careful it is."""
 
     teacher: str = ""  # registered policy that the actors clone
     teacher_margin: float = 0.0  # metres added to the radii that it plans with, for clones
@@ -39,7 +35,6 @@ def make_teacher(settings: TeacherSettings, spec: TaskSpec) -> Policy:
     """Builds the registered policy that is cloned in the task that `spec` describes.
 
     Raises:
-        SpecError: the policy has no memory that it can do without.
         UnknownNameError: there is no such policy.
     """
     if settings.teacher_margin:

@@ -59,7 +59,6 @@ def initial_weights(
     Raises:
         BuildError: one of the seeds has no policy to start from.
         CheckpointError: the policies are not actors of these sizes, in this frame.
-        SpecError: `start.avoidance` is for other robots, or there is nothing to clone.
         UnknownNameError: there is no such teacher.
     """
     if start.avoidance and not (start.policies or start.teacher):
@@ -99,9 +98,6 @@ def find_policy(source: str, seed: int, n_agents: int) -> Policy:
 
     `source` is a shipped tier, such as `formation-expert`, whose policy number `seed` it is (robot
     i acts as the trained robot number i modulo theirs), or the folder of a run.
-
-    Raises:
-        BuildError: there is no such policy.
     """
     shipped = {f"{family}-{tier}": (family, tier) for family in FAMILIES for tier in TRAINED_TIERS}
     if source not in shipped:
@@ -120,11 +116,7 @@ def find_policy(source: str, seed: int, n_agents: int) -> Policy:
 def copy_weights(
     policy: Policy, actors: Actors, index: int, frame: Frame | None, source: str
 ) -> None:
-    """Copies a policy's weights and input statistics into the actors of seed number `index`.
-
-    Raises:
-        CheckpointError: the policy is not an actor of these sizes, in this frame.
-    """
+    """Copies a policy's weights and input statistics into the actors of seed number `index`."""
     if not isinstance(policy, TorchPolicy) or policy.squash:
         raise CheckpointError(
             f"{source} holds policies of another algorithm, expected actors whose means are "

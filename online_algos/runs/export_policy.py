@@ -26,11 +26,7 @@ MAX_SCALE = 20.0
 
 
 def export(source: Path, target: Path, n_agents: int) -> None:
-    """Writes a run's policy as a checkpoint for exact inference, in a team of `n_agents`.
-
-    Raises:
-        BuildError: the policy is not a network that can be run exactly.
-    """
+    """Writes a run's policy as a checkpoint for exact inference, in a team of `n_agents`."""
     policy = load_policy(source)
     if not can_be_exact(policy):
         raise BuildError(

@@ -39,15 +39,10 @@ NODE_REACH = 2
 def fill_lengths(
     layouts: Float, goals: Double, half: Double, radius: float, copies: Int, out: Double
 ) -> None:
-    """Writes the length of the path to the goal from every node, infinite where there is none.
+    """Writes the length of the path to the goal from every node of some copies, m.
 
-    Args:
-        layouts: obstacles of all copies, [C, M, 8].
-        goals: of all copies, m, [C, 2].
-        half: half width and half height of the arena, m, [2].
-        radius: of the payload, m.
-        copies: whose paths are written.
-        out: written, m, [C, rows, columns].
+    `out` is [C, rows, columns], infinite where there is no path. Obstacles are [C, M, 8], goals, m,
+    [C, 2], `half` half width and half height of the arena, m, [2]; the payload has a radius, m.
     """
     rows, columns = out.shape[1:]
     grid = np.empty((rows, columns), np.float32)
@@ -73,13 +68,11 @@ def fill_lengths(
 
 @kernel
 def look_up(points: Double, half: Double, lengths: Double, out: Double) -> None:
-    """Writes the length of the shortest path from each point over one of the nodes around it.
+    """Writes the length, m, [C], of the shortest path from points over one of the nodes around.
 
-    Args:
-        points: m, [C, 2].
-        half: half width and half height of the arena, m, [2].
-        lengths: of the paths from the nodes, m, [C, rows, columns].
-        out: written, m, [C]; infinite where no node around has a path.
+    It is infinite where no node around has a path. Points, m, are [C, 2], `half` is half width and
+    half height of the arena, m, [2], `lengths` are those of the paths from the nodes, m, [C, rows,
+    columns].
     """
     rows, columns = lengths.shape[1:]
     for c in range(points.shape[0]):
@@ -98,9 +91,6 @@ class PayloadPotential:
     The length is that of the payload's path to its goal, in metres, the cosine that of the angle
     between the path's direction and the line from the robot to the payload. The path's term is 0 in
     steps from or to a place without a path.
-
-    Raises:
-        SpecError: the task has no payload.
     """
 
     def __init__(
@@ -121,11 +111,7 @@ class PayloadPotential:
 
 
 class PayloadPaths:
-    """The payload's shortest paths in the episodes that run in C copies.
-
-    Raises:
-        SpecError: the task has no payload.
-    """
+    """The payload's shortest paths in the episodes that run in C copies."""
 
     def __init__(self, spec: TaskSpec, n_copies: int) -> None:
         payload = getattr(spec.rules, "payload", None)

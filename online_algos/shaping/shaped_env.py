@@ -99,11 +99,7 @@ def count_oncoming(step: Step) -> tuple[Float, Float]:
 
 @dataclass(frozen=True)
 class ShapingConfig:
-    """What is changed in a task's rewards, in the order in which it is applied.
-
-    Raises:
-        SchemaError: the ramp has not two ends in order.
-    """
+    """What is changed in a task's rewards, in the order in which it is applied."""
 
     reward_weights: tuple[str, ...] = ()  # to replace the spec's, such as "proximity=2"
     contact_cost: float = 1.5  # extra contact and collision costs at the end, times the spec's
@@ -185,11 +181,7 @@ def shape_rewards(env: VecEnv, config: ShapingConfig) -> ShapedEnv:
 
 
 def reweighted(env: VecEnv, weights: Sequence[str]) -> VecEnv:
-    """Returns copies of the same task with other reward weights, such as "proximity=2".
-
-    Raises:
-        SpecError: there is no such weight, or it cannot have this value.
-    """
+    """Returns copies of the same task with other reward weights, such as "proximity=2"."""
     if not weights:
         return env
     rules = env.spec.rules.model_dump(mode="json")

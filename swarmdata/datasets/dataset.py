@@ -187,7 +187,7 @@ class Dataset(View[Sampler]):
 
         Args:
             observation: the new model: its fields, a file, or a name such as `lidar`,
-                `lidar-32+noise-0.05`, `bearing` or `occupancy`, which modifies the recorded one
+                `lidar-32+noise-0.05`, `bearing` or `occupancy`, which modifies this dataset's
                 unless "=" stands before it; None keeps this dataset's.
             communication: the new channel, given likewise, such as `perfect`, `none` or
                 `lossy-30+range-1.5`.
@@ -200,7 +200,7 @@ class Dataset(View[Sampler]):
         if observation is None and communication is None:
             return self
         self._check_whole("reobserve")
-        spec = chosen_models(self.task, observation, communication, own=self.own_spec.world)
+        spec = chosen_models(self.task, observation, communication)
         if spec == self.spec:
             return self
         recorded = self.stored if self.reobservation is None else self.reobservation.recorded

@@ -26,12 +26,9 @@ LOG_2 = 0.6931471805599453094
 def noisy_log_probs(means: Double, actions: Float, noise: float) -> Float:
     """Returns the log-probability of each robot's action, [E, N].
 
-    Args:
-        means: the policy's actions without noise, not rounded, [E, N, C]. Actions have A >= C
-            components; those without a mean (messages that the policy never sends) are zero with
-            certainty.
-        actions: the actions taken, clipped to [-1, 1], [E, N, A].
-        noise: standard deviation of the Gaussian noise; 0 for a deterministic policy.
+    Means, without noise and not rounded, are [E, N, C], actions, clipped to [-1, 1], [E, N, A];
+    components beyond C (messages that the policy never sends) are zero with certainty. `noise` is
+    the standard deviation of the Gaussian noise; 0 for a deterministic policy.
     """
     size = means.shape[-1]
     driven = actions[..., :size]
@@ -45,9 +42,8 @@ def noisy_log_probs(means: Double, actions: Float, noise: float) -> Float:
 def certain_log_probs(chosen: Float, actions: Float) -> Float:
     """Returns the log-probability of each robot's action under a policy without noise, [E, N].
 
-    Args:
-        chosen: the policy's actions, [E, N, C]; choices may lie outside [-1, 1].
-        actions: the actions taken, [E, N, A], A >= C; components beyond C are zero with certainty.
+    The policy's actions, [E, N, C], may lie outside [-1, 1] if they are choices; of those taken,
+    [E, N, A], components beyond C are zero with certainty.
     """
     size = chosen.shape[-1]
     is_taken = (actions[..., :size] == chosen).all(-1)
@@ -109,11 +105,7 @@ class LastMeans(Generic[M]):
         return self._means if step is self._step else None
 
     def require(self, step: Step) -> M:
-        """Returns the means of `step`, [E, N, C].
-
-        Raises:
-            SchemaError: `step` is not the last one stored.
-        """
+        """Returns the means of `step`, [E, N, C]."""
         if step is not self._step or self._means is None:
             raise SchemaError(
                 "log_probs got another step than the last call of act, expected the same object: a "

@@ -114,11 +114,7 @@ def _team(
 
 
 def check_comparable(results: Sequence[EvalResult]) -> None:
-    """Checks that all results were measured on one spec and the same seeds.
-
-    Raises:
-        SchemaError: there is no result, or two differ in spec or seeds.
-    """
+    """Checks that all results were measured on one spec and the same seeds."""
     if not results:
         raise SchemaError("there are no results to compare, expected at least one.")
     first = results[0]

@@ -139,13 +139,9 @@ SOLVED_TIME = "time when solved"
 
 
 def censored_times(times: Double, limit: float) -> Double:
-    """Returns min(time, limit), where a NaN (the goal was never reached) counts as `limit`.
+    """Returns min(time, limit) of times to goal, s, [E]; NaN, never reached, counts as `limit`.
 
     Their mean is the restricted mean survival time, the area under the Kaplan-Meier curve up to
     `limit` (Royston and Parmar, BMC Medical Research Methodology 13:152, 2013).
-
-    Args:
-        times: time to goal of each episode, s, [n_episodes].
-        limit: the horizon, s.
     """
     return np.asarray(np.fmin(times, limit))  # fmin ignores NaN

@@ -29,12 +29,9 @@ def episode_seeds(recipe: Recipe, policy: int, episodes: Int) -> Seeds:
 def make_source_policy(
     source: PolicySource, spec: TaskSpec | SideSpec, folder: Path | None = None
 ) -> Policy:
-    """Builds a behavior policy as the recipe states it, noise included.
+    """Builds a recipe's policy, noise included; its checkpoint may be in the dataset's folder.
 
-    Args:
-        source: one of the recipe's policies.
-        spec: the task; or the side that a policy without opponents plays.
-        folder: the dataset's folder, which may contain checkpoints; None: only the package's.
+    A spec of a side is for a policy without opponents, which plays that side.
     """
     if source.opponents and isinstance(spec, TaskSpec):
         seats = dict(zip((side.name for side in spec.sides), source.acting, strict=True))

@@ -133,19 +133,9 @@ class EpisodeRing:
         self.lengths[copies] = 0
 
     def advance(self, env: VecEnv, policy: Policy, step: Step, wanted: Bool) -> Step:
-        """Lets the policy act once in all copies, and records the step.
+        """Lets the policy act once in all copies, and records the step; returns the next one.
 
-        Args:
-            env: the copies.
-            policy: acts in all of them.
-            step: the current step.
-            wanted: copies whose episodes are kept, [E]; the rows of the others mean nothing.
-
-        Returns:
-            The next step.
-
-        Raises:
-            SchemaError: an episode runs beyond the horizon and would overwrite its own beginning.
+        The episodes of `wanted` copies, [E], are kept; the rows of the others mean nothing.
         """
         actions = policy.act(step)
         self._write(policy, "act", "actions", actions)

@@ -31,14 +31,10 @@ TARGET_OF_ONE = "the measured policy on new episodes of the same distribution"
 
 
 def mean_interval(values: Double, *, bounds: Bounds = UNBOUNDED) -> Estimate:
-    """Returns the mean over seeds and episodes with its interval.
+    """Returns the mean of values [K, E] over seeds and episodes with its interval.
 
-    Args:
-        values: finite, [K, E]; differences of the same policies on the same episodes too.
-        bounds: of the values; the interval ends there, which leaves its coverage as it is.
-
-    Raises:
-        SchemaError: the table is not finite, or not [seeds, episodes].
+    Values may be differences of the same policies on the same episodes. The interval ends at their
+    bounds, which leaves its coverage as it is.
     """
     return _within(bounds, combination_interval([values], [1.0]))
 
@@ -52,9 +48,6 @@ def difference_interval(x: Double, y: Double) -> Estimate:
     """Returns the mean of `x` minus that of `y` on the same episodes, with its interval.
 
     What an episode does to both, [K, E] and [J, E], cancels; the seeds of both count.
-
-    Raises:
-        SchemaError: a table is not finite, or the tables differ in episodes.
     """
     return combination_interval([x, y], [1.0, -1.0])
 
@@ -125,16 +118,10 @@ def _check(tables: Sequence[Double]) -> None:
 
 
 def rate_interval(outcomes: Double) -> Estimate:
-    """Returns the share of episodes with its interval, which stays between 0 and 1.
+    """Returns the share of episodes with its interval, between 0 and 1, of outcomes 0 or 1, [K, E].
 
     Of one seed it is Wilson's. So it is if no or every episode of all seeds is a success: then the
     variances are 0, and E episodes count, as if seeds always agreed.
-
-    Args:
-        outcomes: 0 or 1, [K, E].
-
-    Raises:
-        SchemaError: the table is not finite, or not [seeds, episodes].
     """
     _check([outcomes])
     first = outcomes[0]
@@ -189,18 +176,12 @@ def rate_difference_interval(x: Double, y: Double) -> Estimate:
 
 
 def count_interval(counts: Double) -> Estimate:
-    """Returns the mean count of an episode with its interval, which has a width without events too.
+    """Returns the mean of counts [K, E] with its interval, which has a width without events too.
 
     If no episode of any seed has an event, all variances are 0. The upper end is then Garwood's
     exact limit of a Poisson mean, -ln((1 - `LEVEL`) / 2) / E = 3.69 / E ("Fiducial Limits for the
     Poisson Distribution", Biometrika 28:437, 1936), where E episodes count, as if seeds always
     agreed. It is too low if events come in bursts.
-
-    Args:
-        counts: of events, 0 or more, [K, E].
-
-    Raises:
-        SchemaError: the table is not finite, or not [seeds, episodes].
     """
     found = mean_interval(counts, bounds=AT_LEAST_ZERO)
     if counts.any() or math.isnan(found.high):
@@ -240,19 +221,12 @@ MAX_STEPS = 50  # of Newton's method, which converges in fewer than 10
 
 @lru_cache(maxsize=4096)
 def t_quantile(probability: float, df: float) -> float:
-    """Returns the quantile of Student's t distribution.
+    """Returns the quantile of Student's t distribution; infinite `df` gives the normal one.
 
     With t = sqrt(df) tan(a), the density of a is C cos(a)^(df - 1), where C = Gamma((df + 1) / 2) /
     (sqrt(pi) Gamma(df / 2)) (Abramowitz and Stegun, "Handbook of Mathematical Functions", 1964,
     26.7.1). Its integral from 0 is concave in a > 0, so that Newton's method, started below the
     root at the normal quantile, climbs to it without overshooting.
-
-    Args:
-        probability: 0.5 or more, below 1.
-        df: degrees of freedom, 1 or more; infinity gives the normal quantile.
-
-    Raises:
-        ValueError: an argument is out of its range.
     """
     if not (0.5 <= probability < 1.0 and df >= 1.0):
         raise ValueError(

@@ -35,20 +35,12 @@ def bootstrap(
 ) -> Estimate:
     """Stratified percentile bootstrap, for statistics that `score_intervals` has no model of.
 
-    A resample draws, independently for every task, as many runs as there are, with replacement;
-    tasks are not resampled (Agarwal et al., "Deep Reinforcement Learning at the Edge of the
-    Statistical Precipice", NeurIPS 2021, section 4.1). The bounds are the
-    (1 - `LEVEL`) / 2 and (1 + `LEVEL`) / 2 quantiles of the statistic over resamples, linearly
-    interpolated (Efron and Tibshirani, "An Introduction to the Bootstrap", 1993, section 13.3).
-
-    Args:
-        statistic: maps tables [..., runs, tasks] to [...]; for example `mean`.
-        scores: a finite table [runs, tasks]; episodes of one policy are runs of one task.
-        generator: source of the resamples.
-        n_resamples: number of resamples.
-
-    Raises:
-        SchemaError: the table is not a finite, non-empty [runs, tasks].
+    A resample of scores, finite [runs, tasks], draws, independently for every task, as many runs as
+    there are, with replacement; tasks are not resampled (Agarwal et al., "Deep Reinforcement
+    Learning at the Edge of the Statistical Precipice", NeurIPS 2021, section 4.1). The bounds are
+    the (1 - `LEVEL`) / 2 and (1 + `LEVEL`) / 2 quantiles of the statistic, which maps [..., runs,
+    tasks] to [...], over resamples, linearly interpolated (Efron and Tibshirani, "An Introduction
+    to the Bootstrap", 1993, section 13.3).
     """
     if scores.ndim != 2 or not scores.size or not np.isfinite(scores).all():
         raise SchemaError(
@@ -74,9 +66,6 @@ def wilson_interval(n_successes: float, n_episodes: int) -> Estimate:
 
     (Wilson, JASA 22:209, 1927; recommended by Brown, Cai and DasGupta, "Interval Estimation for a
     Binomial Proportion", Statistical Science 16:2, 2001.)
-
-    Raises:
-        SchemaError: there is no episode, or more successes than episodes.
     """
     if not 0 <= n_successes <= n_episodes or n_episodes == 0:
         raise SchemaError(

@@ -10,15 +10,10 @@ from swarmdata.types import Double, Float, Int, Seeds, Step
 
 
 class SideEnv:
-    """Copies that are stepped with the actions of one side; opponents act for the others.
+    """Copies of a task that are stepped with the actions of one side; opponents act for the others.
 
     Used like `interfaces.VecEnv`, but for its `spec`, which is that of a side. Steps have the rows
-    of the side's robots, and the state of all.
-
-    Args:
-        whole: copies of the task of all sides.
-        spec: the side.
-        opponents: as `play_sides` takes them.
+    of the side's robots, and the state of all. Opponents are as `play_sides` takes them.
     """
 
     def __init__(self, whole: VecEnv, spec: SideSpec, opponents: Policy | str) -> None:

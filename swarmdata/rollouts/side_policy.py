@@ -46,18 +46,10 @@ class _Seat(NamedTuple):
 
 
 class SidePolicy:
-    """Moves each side by a policy of its own.
+    """Moves each side of a task by a policy of its own, by the side's name.
 
-    Args:
-        spec: a task of several sides.
-        policies: of each side, by its name.
-        own: sides whose policies see the rows of their side alone, such as those trained on
-            `dataset.side(...)`; the other policies are of the whole task, and only the actions of
-            their side count.
-
-    Raises:
-        UnknownNameError: the task has no such side.
-        SpecError: the task has one side only, or a side has no policy.
+    Policies of `own` sides see the rows of their side alone, such as those trained on
+    `dataset.side(...)`; the others are of the whole task, and only the actions of their side count.
     """
 
     def __init__(
@@ -86,11 +78,7 @@ class SidePolicy:
             seat.policy.reset(step_of_side(step, seat.side) if seat.is_own else step, copies)
 
     def act(self, step: Step) -> Float:
-        """Returns the actions of all sides, [E, N, A].
-
-        Raises:
-            SchemaError: a policy returned actions for another number of robots.
-        """
+        """Returns the actions of all sides, [E, N, A]."""
         actions: Float = np.empty((len(step.seeds), *self._shape), dtype=np.float32)
         for seat, seen in zip(self._seats, self._seen(step), strict=True):
             found, expected = seat.policy.act(seen), seen.observations.shape[1]
@@ -127,17 +115,8 @@ def play_sides(
 ) -> SidePolicy:
     """Returns a policy for a side, with opponents on the others.
 
-    Args:
-        spec: a task of several sides.
-        side: that the policy plays.
-        policy: one that sees the rows of its side alone; or the name of a registered policy, which
-            is of the whole task.
-        opponents: likewise.
-
-    Raises:
-        UnknownNameError: the task has no such side, or there is no such policy.
-        SpecError: the task has one side only.
-        SchemaError: one of them is no policy.
+    Both are policies that see the rows of their side alone, or names of registered policies, which
+    are of the whole task.
     """
     spec.side(side)
     policies, own = {}, []

@@ -15,15 +15,7 @@ N_STEPS = 20  # control steps with random actions in the last of these episodes
 
 
 def probe(spec: TaskSpec) -> VecEnv:
-    """Builds one copy of the world, begins some episodes, and takes some random steps.
-
-    Returns:
-        The environment.
-
-    Raises:
-        SpecError: the spec contradicts itself, layouts cannot be drawn, or a number in the world is
-            not finite; the message lists all problems.
-    """
+    """Builds a copy of the world, begins episodes, and takes random steps; returns the copy."""
     env = make_env(spec)
     problems = list(_problems(env))
     if problems:

@@ -7,7 +7,6 @@ import pytest
 
 from swarmdata.behavior_policies.navigation.avoidance import gives_way
 from swarmdata.behavior_policies.scripted import Scripted
-from swarmdata.errors import SchemaError
 from swarmdata.numerics.geometry import CIRCLE, POCKET, clearance
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.registry.components import make_env
@@ -105,22 +104,6 @@ def test_right_of_way_is_never_mutual() -> None:
     assert not gives_way(0.3, 0.1)
     assert not gives_way(0.2, 0.2)
     assert not gives_way(0.6, 0.9)
-
-
-def test_episodes_that_it_was_not_told_of_are_refused() -> None:
-    spec = TaskSpec()
-    env, policy = make_env(spec, 2), Scripted(spec)
-    step = env.reset(evaluation_seeds(2))
-    with pytest.raises(SchemaError, match="reset"):
-        policy.act(step)
-    policy.reset(step, np.array([0]))
-    with pytest.raises(SchemaError, match="reset"):
-        policy.act(step)
-    policy.reset(step, np.array([1]))
-    policy.act(step)
-    again = env.reset(evaluation_seeds(3)[2:], np.array([1]))
-    with pytest.raises(SchemaError, match="reset"):
-        policy.act(again)
 
 
 def test_messages_are_zero_and_noise_is_on_commands_only() -> None:

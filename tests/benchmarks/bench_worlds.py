@@ -20,14 +20,7 @@ from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.sensing_models import Broadcast, LidarModel
 from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks.engines import Run, mpe2, physics, swarm, swarm_parallel, vmas
-from tests.benchmarks.measuring import (
-    Rate,
-    interleave,
-    short,
-    table,
-    use_last_core,
-    write_section,
-)
+from tests.benchmarks.measuring import Rate, interleave, short, table, use_last_core, write_section
 from tests.benchmarks.replays import Recording, Replay, members, record
 
 SIZES = (4, 8, 16, 32)

@@ -10,12 +10,7 @@ from torch import Tensor
 from swarmdata.learn.networks.network_inputs import Reward
 from swarmdata.offline_algos.mac_flow import N_DRAWS, MACFlow
 from swarmdata.types import Batch
-from tests.offline_algos.toys import (
-    made,
-    random_batch,
-    set_bias,
-    two_episodes,
-)
+from tests.offline_algos.toys import made, random_batch, set_bias, two_episodes
 
 TINY: dict[str, Any] = {"flow_hidden": (8,), "n_flow_steps": 2}
 

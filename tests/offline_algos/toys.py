@@ -14,7 +14,7 @@ from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.policies.torch_policy import Memoryless
 from swarmdata.learn.training.trainer import sampler_of
-from swarmdata.types import Batch, Episode, Float, Step, no_messages
+from swarmdata.types import Batch, Episode, Float, Step, blank_step
 from tests.offline_algos.conftest import play
 from tests.support.made_episodes import made_episode
 from tests.support.memory_dataset import MemoryDataset
@@ -143,22 +143,12 @@ def actions_of(policy: Policy, observations: Float) -> Float:
 
 def step_of(copies: int = 6, times: int = 0) -> Step:
     """Random observations of `SIZES`, the same at every call; episodes have seeds 0, 1, ..."""
-    flags, n_agents = np.zeros(copies, dtype=np.bool_), SIZES.n_agents
-    rng = np.random.default_rng(1)
-    return Step(
-        observations=rng.normal(size=(copies, n_agents, SIZES.observation)).astype(np.float32),
-        states=np.zeros((copies, SIZES.state), np.float32),
-        rewards=np.zeros((copies, n_agents), np.float32),
-        reward_terms=np.zeros((copies, n_agents, 0), np.float32),
-        terminations=flags,
-        truncations=flags,
-        successes=flags,
-        events=np.zeros((copies, n_agents, 4), np.uint8),
-        seeds=np.arange(copies, dtype=np.uint64),
-        times=np.full(copies, times),
-        layouts=np.zeros((copies, 0, 8), np.float32),
-        **no_messages(copies, n_agents),
-    )
+    shape = (copies, SIZES.n_agents, SIZES.observation)
+    observations = np.random.default_rng(1).normal(size=shape).astype(np.float32)
+    return blank_step(
+        observations, np.zeros((copies, SIZES.state), np.float32),
+        seeds=np.arange(copies, dtype=np.uint64), times=np.full(copies, times),
+    )  # fmt: skip
 
 
 def set_bias(network: StackedMLP, row: int, value: float) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Int, Seeds, Step, no_messages
+from swarmdata.types import Int, Seeds, Step, blank_step
 
 N_AGENTS = 2
 
@@ -50,21 +50,11 @@ class TwoEpisodes:
     def _step(self, ended: np.ndarray) -> Step:
         even = np.arange(self.n_copies) % 2 == 0
         states = np.stack([self._episodes % 4, self._times, even], -1).astype(np.float32)
+        observations = np.repeat(states[:, None], N_AGENTS, 1)
         rewards = np.repeat(self._times[:, None], N_AGENTS, 1).astype(np.float32)
-        return Step(
-            observations=np.repeat(states[:, None], N_AGENTS, 1),
-            states=states,
-            rewards=rewards,
-            reward_terms=np.zeros((self.n_copies, N_AGENTS, 0), np.float32),
-            terminations=ended & even,
-            truncations=ended & ~even,
-            successes=ended & even,
-            events=np.zeros((self.n_copies, N_AGENTS, 4), np.uint8),
-            seeds=self._seeds.copy(),
-            times=self._times.copy(),
-            layouts=np.zeros((self.n_copies, 0, 8), np.float32),
-            **no_messages(self.n_copies, N_AGENTS),
-        )
+        flags = {"terminations": ended & even, "truncations": ended & ~even}
+        clock = {"seeds": self._seeds.copy(), "times": self._times.copy()}
+        return blank_step(observations, states, rewards=rewards, **flags, **clock)
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ from swarmdata.registry.components import make_task
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step, no_messages
+from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, Step, blank_step
 
 HORIZON = 7
 N, A = 3, 2
@@ -67,28 +67,17 @@ class Counting:
         ended = self._ended()
         truncated = ended & (self.times == HORIZON)
         terminated = ended & ~truncated
-        agents = np.arange(N, dtype=np.float32)
-        observations = np.zeros((self.n_copies, N, 4), np.float32)
-        observations[..., 0] = self.seeds[:, None]
-        observations[..., 1] = self.times[:, None]
-        observations[..., 2] = agents
-        observations[..., 3] = self.sums[:, None]
+        columns = (self.seeds[:, None], self.times[:, None], np.arange(N), self.sums[:, None])
         events = np.zeros((self.n_copies, N, 4), np.uint8)
         events[..., 0] = self.times[:, None]
-        return Step(
-            observations=observations,
-            states=np.stack([self.seeds, self.times], 1).astype(np.float32),
-            rewards=rewards,
-            reward_terms=np.zeros((self.n_copies, N, 0), np.float32),
-            terminations=terminated,
-            truncations=truncated,
+        return blank_step(
+            np.stack(np.broadcast_arrays(*columns), -1).astype(np.float32),
+            np.stack([self.seeds, self.times], 1).astype(np.float32),
+            rewards=rewards, terminations=terminated, truncations=truncated, events=events,
             successes=terminated & (self.seeds % np.uint64(2) == 0),
-            events=events,
-            seeds=self.seeds.copy(),
-            times=self.times.copy(),
-            **no_messages(self.n_copies, N),
+            seeds=self.seeds.copy(), times=self.times.copy(),
             layouts=np.repeat(self.seeds.astype(np.float32), 8).reshape(self.n_copies, 1, 8),
-        )
+        )  # fmt: skip
 
 
 class Noisy:

@@ -6,12 +6,7 @@ import sys
 from pathlib import Path
 
 from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, read_policy
-from swarmdata.evaluation.leaderboard.verify import (
-    GIGABYTES,
-    MEASURED,
-    N_REPEATED,
-    fresh_seeds,
-)
+from swarmdata.evaluation.leaderboard.verify import GIGABYTES, MEASURED, N_REPEATED, fresh_seeds
 from swarmdata.numerics.random import block_seeds
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.rollouts.evaluate import evaluate

@@ -16,12 +16,7 @@ from typing import Literal
 from pydantic import Field
 
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.results.policy_names import (
-    ONNX_SUFFIX,
-    Target,
-    find_target,
-    onnx_target,
-)
+from swarmdata.evaluation.results.policy_names import ONNX_SUFFIX, Target, find_target, onnx_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.provenance import FilePart, Natural
 from swarmdata.interfaces import Policy

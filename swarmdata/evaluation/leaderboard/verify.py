@@ -62,7 +62,7 @@ class Verdict(NamedTuple):
 def verify(
     entry: Path, *, n_episodes: int = N_EPISODES, seconds: float = SECONDS, n_threads: int = 1
 ) -> Verdict:
-    """Verifies an entry.
+    """Verifies the entry of a folder, in at most so many seconds.
 
     Its policies act on the reserved episodes, which must end as the entry says in every metric, and
     on as many fresh ones, whose seeds follow from the policies' hashes: a return on the reserved
@@ -70,15 +70,8 @@ def verify(
     episodes are repeated, and must end as before. Only what was evaluated here may be published,
     `Verdict.results`: a few claimed values may differ, as rounding differs between processors.
 
-    Args:
-        entry: its folder.
-        n_episodes: reserved episodes that it must have results of, and fresh ones.
-        seconds: most time.
-        n_threads: threads that step the worlds; the verdict does not depend on it.
-
-    Raises:
-        FileNotFoundError: the folder has no description.
-        MissingExtraError: the policies are files of ONNX, and onnxruntime is not installed.
+    Raises FileNotFoundError if there is no description, and MissingExtraError for policies of ONNX
+    without onnxruntime.
     """
     if links := sorted(path.name for path in entry.rglob("*") if path.is_symlink()):
         return Verdict((f"{links[0]} is a link, expected a file",))

@@ -13,10 +13,7 @@ import numpy as np
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
-from swarmdata.evaluation.policy_selection.rank_statistics import (
-    pessimistic_value,
-    ranking_quality,
-)
+from swarmdata.evaluation.policy_selection.rank_statistics import pessimistic_value, ranking_quality
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
     Criterion,
@@ -97,9 +94,6 @@ def rank(
 
     Raises:
         CheckpointError: a folder holds no run, or a damaged one.
-        SchemaError: the runs and the dataset do not have the same data, there are no validation
-            episodes, a policy cannot report its actions, both `n_episodes` and `results` are
-            given, or `results` are of other policies or different episodes.
         SpecError: `n_episodes` with a recording of another environment.
     """
     config = config or FQEConfig()

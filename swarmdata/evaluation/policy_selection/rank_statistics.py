@@ -46,9 +46,6 @@ def regret(estimates: Double, scores: Double, k: int = 1) -> float:
     Regret@k = max_i V_i - max_{j in top-k} V_j (Fu et al. 2021, section 4), with top-k by estimate.
     Among equal estimates the worst policies are chosen, which gives the largest regret of all
     orders of ties.
-
-    Raises:
-        SchemaError: the arrays differ in shape or are not finite, or k is not from 1 to n.
     """
     _check(estimates, scores)
     if not 1 <= k <= len(scores):
@@ -65,9 +62,6 @@ def ranking_quality(estimates: Double, scores: Double) -> Quality:
 
     The interval is a percentile bootstrap over policies: pairs of estimate and score are drawn with
     replacement. Policies of one run share data and settings, so it tends to be too narrow.
-
-    Raises:
-        SchemaError: fewer than two policies, or arrays that differ in shape or are not finite.
     """
     _check(estimates, scores)
     n = len(scores)

@@ -78,11 +78,7 @@ def performance_profile(scores: Double, thresholds: Double) -> Double:
 
 
 def thresholds_of(tables: Mapping[str, Double]) -> Double:
-    """Returns thresholds from the lowest score to the highest, and at least from 0 to 100, [301].
-
-    Raises:
-        SchemaError: there are no tables.
-    """
+    """Thresholds from the lowest score to the highest, and at least from 0 to 100, [301]."""
     if not tables:
         raise SchemaError("there are no scores to draw a profile of, expected at least one label.")
     low = min(float(table.min()) for table in tables.values())
@@ -112,11 +108,7 @@ def pareto_front(values: Sequence[float], costs: Sequence[float]) -> Bool:
 
 
 def collisions_and_returns(case: Case) -> dict[str, tuple[Estimate, Estimate]]:
-    """Label -> collisions and return per episode, in the order of a case.
-
-    Raises:
-        UnknownNameError: the environment counts no collisions.
-    """
+    """Label -> collisions and return per episode, in the order of a case."""
     return {
         label: (
             mean_interval(collisions(case, label), bounds=AT_LEAST_ZERO),

@@ -33,22 +33,11 @@ def check_clip(out: Path) -> None:
 def write_clip(
     episode: Episode, spec: TaskSpec, out: Path, *, size: int = 384, stride: int = 1
 ) -> None:
-    """Draws an episode: an animation, or as PNG its last state with all paths.
+    """Draws an episode into a `.gif` or `.mp4`, or as `.png` its last state with all paths.
 
-    Lidar rays are drawn if the robots have lidar, messages if they communicate.
-
-    Args:
-        episode: to draw; its observations must be those of the spec's models.
-        spec: of the episode.
-        out: a `.gif`, `.mp4` or `.png` file; its folder is created if absent.
-        size: pixels of the arena's longer side.
-        stride: control steps per animation frame.
-
-    Raises:
-        SchemaError: the suffix is unknown, or the episode does not match the spec.
-        MissingExtraError: Pillow is not installed.
-        ProgramError: an MP4 needs ffmpeg.
-        DiskFullError: no space was left.
+    Its observations must be those of the spec's models. Lidar rays are drawn if the robots have
+    lidar, messages if they communicate. `size` is in pixels of the arena's longer side, `stride` in
+    control steps per frame. An absent folder is made.
     """
     check_clip(out)
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -90,20 +79,8 @@ def draw_target(
 ) -> Episode:
     """Draws a recorded episode, or simulates one and draws it; returns the episode.
 
-    Args:
-        name: id or folder of a dataset, or a policy as `find_target` takes it.
-        out: a file, as `write_clip` takes it.
-        index: of the recorded episode, or of the reserved evaluation seed.
-        task: of policies, tiers and runs, as `find_target` takes it.
-        observation: observation model; a recorded episode is re-observed with it.
-        communication: communication model, likewise.
-        backend: simulator of policies, tiers and runs.
-        size: as `write_clip` takes it.
-        stride: as `write_clip` takes it.
-
-    Raises:
-        SchemaError: the suffix is unknown, or there is no such episode.
-        SpecError: a task or a simulator is given with a dataset.
+    Arguments are those of `find_target` and `write_clip`. `name` may be a dataset, whose episode
+    `index` is re-observed with the models; of others, `index` is of the reserved evaluation seed.
     """
     check_clip(out)
     data = name if is_dataset(name) else own_dataset(name)

@@ -96,11 +96,7 @@ class Table:
         )
 
     def panels(self, keys: Sequence[str]) -> dict[str, dict[str, Estimate]]:
-        """Returns columns in shown units, for `plot_estimates`: header -> row -> estimate.
-
-        Raises:
-            UnknownNameError: the table has no such column.
-        """
+        """Returns columns in shown units, for `plot_estimates`: header -> row -> estimate."""
         known = {column.key: index for index, column in enumerate(self.columns)}
         chosen = {}
         for key in keys:
@@ -160,11 +156,9 @@ def _latex(text: str) -> str:
 
 
 def to_csv(rows: Sequence[Mapping[str, object]], digits: str = ".8g") -> str:
-    """The rows as CSV, in the order of their keys; undefined values are empty.
+    """The rows, which may lack some columns, as CSV in the order of their keys; NaN is empty.
 
-    Args:
-        rows: by column; a row may lack some.
-        digits: format of floats, by default the same on every machine; empty: every bit.
+    `digits` is the format of floats, by default the same on every machine; empty: every bit.
     """
     names = list(dict.fromkeys(name for row in rows for name in row))
     out = io.StringIO()

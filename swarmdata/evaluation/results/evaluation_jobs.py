@@ -144,11 +144,7 @@ def run_evaluations(
 
 
 def collect_evaluations(evaluations: Sequence[Evaluation]) -> list[Result]:
-    """Reads the results of evaluations that are done.
-
-    Raises:
-        ResultsError: some are not.
-    """
+    """Reads the results of evaluations that are done."""
     found = [(each, each.result()) for each in evaluations]
     missing = [each for each, result in found if result is None]
     if missing:

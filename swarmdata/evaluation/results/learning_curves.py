@@ -33,10 +33,6 @@ def read_curve(paths: Sequence[Path], metric: str, *, progress: str = "updates")
     """Reads one metric from `curve.csv` files.
 
     The `seed` column separates the runs of a file; a file without it holds one run.
-
-    Raises:
-        SchemaError: a column is missing, a value is not a number, or runs were measured at
-            different points.
     """
     runs: dict[tuple[Path, str], list[tuple[float, float]]] = {}
     for path in paths:
@@ -104,14 +100,9 @@ def plot_curves(
 ) -> None:
     """Draws one mean line per label in a band from the lowest to the highest run.
 
-    Args:
-        curves: label -> its runs.
-        path: where to save.
-        ylabel: of the metric, with unit.
-        xlabel: of the progress.
-        references: label -> height of a dashed line, such as the mean of the dataset.
-        factor: from values and references to the unit of the axis: 100 for percentages.
-        looks: color and marker of each label; where one is absent, colors are in their order.
+    References are heights of dashed lines by label, such as the mean of the dataset; `factor` is
+    from values and references to the unit of the axis, 100 for percentages. Labels without looks
+    have colors in their order.
     """
     styles = {label: line_style(k) for k, label in enumerate(curves)}
     if set(curves) <= set(looks):

@@ -45,7 +45,6 @@ def read_training(run: Path) -> Training:
 
     Raises:
         BuildError: the folder holds no run.
-        SchemaError: its runs differ in task, spec or algorithm.
     """
     folders = list(dict.fromkeys(seed.folder for seed in seeds_of([run])))
     runs = [read_online_run(folder) for folder in folders]
@@ -75,7 +74,6 @@ def write_online_report(runs: Sequence[Path], out: Path, *, suffix: str = ".png"
     Raises:
         OutputError: `out` has files that no such report wrote.
         BuildError: a folder holds no run.
-        SchemaError: two runs have the same algorithm and task, or the processes of a run differ.
     """
     check_output(out, TRAINING_REPORT)
     trainings = [read_training(run) for run in runs]

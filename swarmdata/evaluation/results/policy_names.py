@@ -63,11 +63,7 @@ class Target:
         return self.provenances[0].label
 
     def labelled(self, label: str) -> "Target":
-        """Returns the same team under another label.
-
-        Raises:
-            SpecError: the label cannot be part of a file name.
-        """
+        """Returns the same team under another label."""
         named = (each.model_dump() | {"label": label} for each in self.provenances)
         parsed = tuple(Provenance.parse(each, f"label {label!r}") for each in named)
         return replace(self, provenances=parsed)

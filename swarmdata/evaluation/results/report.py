@@ -64,24 +64,10 @@ def write_report(
 ) -> str:
     """Writes tables (Markdown, CSV, LaTeX), figures, `runs.csv` and `marl-eval.json`.
 
-    `report.md` has all tables and figures.
-
-    Args:
-        folders: with result files, as `evaluate` saves them.
-        out: folder to write to.
-        runs: training runs whose learning curves are drawn in one figure.
-        data: as `read_results` takes it.
-        suffix: of figures: `.png`, `.svg` or `.pdf`.
-
-    Returns:
-        The tables as text.
-
-    Raises:
-        DatasetNotFoundError: there are no results.
-        ResultsError: results are stale, or cannot be compared.
-        SchemaError: the suffix is unknown.
-        MissingExtraError: matplotlib is not installed; the tables are written nevertheless.
-        OutputError: `out` has files that no report wrote.
+    `report.md` has all tables and figures. `folders` have result files, as `evaluate` saves them;
+    learning curves of `runs` are drawn in one figure; `data` is as `read_results` takes it;
+    `suffix`, of figures, is `.png`, `.svg` or `.pdf`. Returns the tables as text. Without
+    matplotlib, they are written, and MissingExtraError is raised.
     """
     if suffix not in SUFFIXES:
         raise SchemaError(f"cannot draw figures as {suffix!r}, expected one of {SUFFIXES}.")

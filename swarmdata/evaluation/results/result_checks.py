@@ -17,13 +17,7 @@ MAX_NAMED_FILES = 3  # files of each group that a message names; more are counte
 
 
 def check_results(results: Sequence[Result]) -> None:
-    """Checks that the results are current and can be compared.
-
-    Raises:
-        ResultsError: a run has changed since it was evaluated, or a dataset is not the published
-            one; or versions of the code, episodes, specs, contents of a dataset, or settings of a
-            label differ, or a policy is there twice. The message has all reasons and the files.
-    """
+    """Checks that the results are current and can be compared."""
     problems = [*_stale_runs(results), *_stale_datasets(results), *_mixed(results)]
     if problems:
         reasons = "\n".join(f"- {problem}" for problem in problems)

@@ -69,11 +69,7 @@ class Case:
 
     @property
     def time_limit(self) -> float:
-        """Duration of an unsolved episode, in seconds.
-
-        Raises:
-            SchemaError: the environment is of another library, whose steps have no duration.
-        """
+        """Duration of an unsolved episode, in seconds."""
         if self.spec.horizon is None or self.spec.time_step is None:
             raise SchemaError(
                 f"{self.name} is an environment of another library, whose steps have no duration."
@@ -88,11 +84,7 @@ class Case:
         return float(normalized_score(self.data.mean_return, self.reference))
 
     def metric(self, label: str, name: str) -> Double:
-        """Returns a metric of a label, [runs, episodes].
-
-        Raises:
-            UnknownNameError: the case has no such label or metric.
-        """
+        """Returns a metric of a label, [runs, episodes]."""
         if label not in self.runs:
             raise UnknownNameError(f"label of {self.name}", label, self.runs)
         rows = [result.evaluation.metrics for result in self.runs[label]]
@@ -102,11 +94,7 @@ class Case:
         return np.stack([row[name] for row in rows])
 
     def scores(self, label: str) -> Double:
-        """Returns the scores of a label, [runs, episodes].
-
-        Raises:
-            SchemaError: the world has no measured references.
-        """
+        """Returns the scores of a label, [runs, episodes]."""
         if self.reference is None:
             raise SchemaError(
                 f"{self.name} has no score: no references were measured in {self.spec.task} "
@@ -153,11 +141,7 @@ class ResultSet:
         }
 
     def case(self, dataset: str) -> Case:
-        """Returns the case of a dataset.
-
-        Raises:
-            UnknownNameError: there are no results on it.
-        """
+        """Returns the case of a dataset."""
         found = next((case for case in self.cases if case.name == dataset), None)
         if found is None:
             raise UnknownNameError("dataset with results", dataset, self.datasets)

@@ -41,24 +41,12 @@ def evaluate_target(
     progress: bool = True,
     report: Callable[[int], object] = lambda episodes: None,
 ) -> list[Result]:
-    """Evaluates every policy of a target on the seeds of a block, as `rollouts.evaluate` does.
+    """Evaluates every policy of a target on the first seeds of a block, as `evaluate` does.
 
-    Args:
-        target: the team.
-        n_episodes: number of seeds, from the first of the block.
-        out: folder for one file per policy (`provenance.file_name`). Results in it of the same
-            policy, spec, seeds and code are reused.
-        block: as `evaluate` takes it, and so the rest.
-        again: whether to evaluate again instead of reusing results.
-        n_threads: that step the worlds.
-        progress: whether to show progress bars.
-        report: called with the number of episodes that have just finished.
-
-    Returns:
-        One result per policy; reused ones have a path.
-
-    Raises:
-        ResultsError: a file in `out` is of another run with the same label and dataset.
+    The folder `out` gets a file per policy (`provenance.file_name`). Results in it of the same
+    policy, spec, seeds and code are reused, and have a path, unless `again`. `report` is called
+    with the number of episodes that have just finished. Raises ResultsError if a file in `out` is
+    of another run with the same label and dataset.
     """
     results, seeds = [], block_seeds(block, n_episodes)
     for policy, provenance in zip(target.policies, target.provenances, strict=True):
@@ -76,11 +64,7 @@ def evaluate_target(
 
 
 def kept_result(spec: Spec, provenance: Provenance, seeds: Seeds, out: Path) -> Result | None:
-    """Reads the result of exactly this policy, spec, seeds and code, if a folder has it.
-
-    Raises:
-        ResultsError: the file of that name is of another run.
-    """
+    """Reads the result of exactly this policy, spec, seeds and code, if a folder has it."""
     path = out / file_name(provenance, spec.hash())
     if not path.exists():
         return None
@@ -125,19 +109,10 @@ def measure_references(
     backend: str | None = None,
     progress: bool = True,
 ) -> TaskReferences:
-    """Evaluates the reference policies of a task, or of a side of it against the scripted others.
+    """Evaluates a task's reference policies, a preset's name or a spec file, on reserved seeds.
 
-    Args:
-        task: a preset's name, or a spec file.
-        n_episodes: number of reserved seeds, from the first.
-        names: of the policies and tiers; None: the `reference_teams`.
-        side: that they play; None: all sides.
-        backend: simulator; None: that of the task.
-        progress: whether to show progress bars.
-
-    Raises:
-        UnknownNameError: no such task.
-        SpecError: the file is not a spec.
+    They are the `reference_teams`, in the task's simulator, unless names or a simulator are given;
+    of a side, against the scripted others.
     """
     spec = find_spec(task)
     available = reference_teams(task, spec, side) if names is None else names

@@ -58,25 +58,9 @@ def compare_simulators(
 ) -> list[TeamTransfer]:
     """Evaluates teams in their own simulator and in another one, and writes the table.
 
-    All teams are found before anything is evaluated.
-
-    Args:
-        names: policies, tiers and run folders, as `find_target` takes them.
-        out: folder for result files of both simulators and the table; an interrupted comparison
-            resumes in it.
-        backend: the other simulator.
-        task: as `find_target` takes it.
-        n_episodes: number of seeds, the same for all.
-        block: of the seeds.
-        options: where policies are evaluated.
-
-    Raises:
-        OutputError: `out` has files that no comparison wrote.
-        UnknownNameError: no such team, task or simulator.
-        SpecError: a team has that simulator itself, or its task has no score.
-        PolicyFitError: a team cannot act in the task.
-        SwarmdataError: as `run_evaluations` says.
-        MissingExtraError: a simulator is not installed.
+    All teams are found before anything is evaluated. Names and tasks are as `find_target` takes
+    them; the seeds, the first of a block, are the same for all. `out` gets the results of both
+    simulators and the table; an interrupted comparison resumes in it.
     """
     check_output(out, COMPARISON, RESULTS_FOLDER)
     seeds = n_episodes, out / RESULTS_FOLDER, block

@@ -108,23 +108,8 @@ def plan_sweep(
 ) -> Sweep:
     """Finds the teams and checks them, before anything is evaluated.
 
-    Args:
-        names: runs, tiers and datasets of trained policies, as `find_target` takes them.
-        axes: parameters and their values.
-        out: folder; an interrupted sweep of the same teams resumes in it.
-        n_episodes: number of seeds, the same at every point.
-        task: of tiers and runs, as `find_target` takes it.
-        backend: simulator of all points.
-        randomization: ranges that episodes of all points draw from.
-        block: of the seeds.
-
-    Raises:
-        OutputError: `out` has files that no sweep wrote.
-        UnknownNameError: no such team or parameter.
-        SpecError: there is no axis, teams have different worlds, a value is out of its range, or
-            a team that does not communicate has a communication axis.
-        SchemaError: a team cannot read the observations that a value gives.
-        MissingExtraError: torch for a run is not installed.
+    Names, tasks, simulators and ranges are as `find_target` takes them; the seeds, the first of a
+    block, are the same at every point. An interrupted sweep of the same teams resumes in `out`.
     """
     _check_axes(axes)
     check_output(out, SWEEP, RESULTS_FOLDER)
@@ -140,7 +125,6 @@ def run_point(planned: Sweep, name: str) -> bool:
     done yet.
 
     Raises:
-        UnknownNameError: no such point.
         ResultsError: `out` has results of another run with the same name and dataset.
     """
     points = planned.points()

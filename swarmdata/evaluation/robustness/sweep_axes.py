@@ -100,17 +100,10 @@ class AxisSpecs:
 
 
 def parse_axis(text: str, part: Part, n_points: int = 5) -> Axis:
-    """Parses an axis.
+    """Parses an axis of a model: `name=a..b`, `n_points` values with both ends, or `name=a,b,...`.
 
-    Args:
-        text: `name=a..b` for `n_points` values from a to b, both included; for integer fields they
-            are rounded, without duplicates. Or `name=a,b,...` for these values. Values may
-            decrease; the figure has their order.
-        part: model that has the parameter.
-        n_points: at least 2.
-
-    Raises:
-        SpecError: the text is malformed, or has fewer than two different values.
+    Between two ends, values of integer fields are rounded, without duplicates. Values may decrease;
+    the figure has their order.
     """
     name, equals, given = (each.strip() for each in text.partition("="))
     if not (name and equals and given):
@@ -153,8 +146,6 @@ def specs_along_axis(axis: Axis, policy: str, spec: TaskSpec) -> AxisSpecs:
     """Returns the specs along an axis: that of a policy's training with another parameter.
 
     Raises:
-        UnknownNameError: the models of the spec have no such parameter.
-        SpecError: a value is out of its range, or the policy hears nothing.
         SchemaError: the policy cannot read the observations that a value gives.
     """
     if axis.part == "communication" and not isinstance(spec.communication, Broadcast):

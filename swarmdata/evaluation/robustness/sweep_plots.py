@@ -59,9 +59,6 @@ def plot_degradation(found: Degradation, out: Path) -> None:
 
     If the value of training is not on the axis, such as unlimited bandwidth, a dotted line shows
     its result. The axis runs in the order of its values, so that worse ones may be on the right.
-
-    Raises:
-        SchemaError: there are more policies than one figure can distinguish.
     """
     n_styles = len(COLORS) * len(DASHES)
     if len(found.lines) > n_styles:

@@ -65,11 +65,7 @@ class EpisodeStatistics:
 
     @classmethod
     def of(cls, dataset: Dataset) -> "EpisodeStatistics":
-        """Measures a dataset, usually a train split.
-
-        Raises:
-            SpecError: there are no episodes.
-        """
+        """Measures a dataset, usually a train split."""
         table = dataset.episodes
         if not len(table):
             raise SpecError(f"{dataset.id} has no episodes to choose an algorithm for")
@@ -173,11 +169,7 @@ def choose_algorithm(
 
 
 def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:
-    """Chooses for the train split of a dataset, and says so in the log.
-
-    Raises:
-        SpecError: it is a mixture, for which no choice was measured, or has no episodes.
-    """
+    """Chooses for the train split of a dataset, and says so in the log."""
     if isinstance(data, Mixture):
         raise SpecError(
             f"{AUTO} chooses for one dataset, got a mixture, {data.id}. Name one of "

@@ -59,15 +59,10 @@ def behaviors_of(
 ) -> tuple[Behavior, ...]:
     """Returns the behavior policies that a name means, one for each seed of a run.
 
-    Args:
-        name: as `generate` takes it; or a registered policy, a tier or a run for each side of the
-            task, such as `tag-greedy,runs/evader`.
-        share: of the joint steps, which the policies have in equal parts.
-        spec: the task.
-        noise: of actions; policies that take none, such as `random`, act without.
-        folder: where copies of networks go, into its folder `checkpoints`.
-
-    Raises as `generate` does.
+    A name is as `generate` takes it; or a registered policy, a tier or a run for each side of the
+    task, such as `tag-greedy,runs/evader`. The policies have equal parts of a share of the joint steps;
+    those that take no noise, such as `random`, act without. Copies of networks go into the folder's
+    `checkpoints`. Raises as `generate` does.
     """
     if "," in name:
         found = tuple(_of_sides(name, spec, noise, folder / CHECKPOINTS))
@@ -136,12 +131,7 @@ def takes_noise(name: str, spec: TaskSpec) -> bool:
 
 
 def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]:
-    """The policies of a tier of a task of the package.
-
-    Raises:
-        UnknownNameError: the task has no such tier.
-        SpecError: the name is one of a folder that holds no run.
-    """
+    """The policies of a tier of a task of the package."""
     family = family_of(spec)
     trained = {tier for tier in TRAINED_TIERS if family is not None and sources(family, tier)}
     if family is not None and name in trained:
@@ -216,10 +206,6 @@ def find_opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, 
     """Who plays against a side, as `play_sides` takes it, and its name in results.
 
     Of a run, the first seed plays; of a tier, the first policy.
-
-    Raises:
-        SpecError: the name is of a run for no other side of the task.
-        UnknownNameError: it is no registered policy, tier or run folder; or there is no such side.
     """
     spec.side(side)
     if (run := find_run(name)) is not None:
@@ -292,12 +278,7 @@ def make_policy(
 
 
 def open_run(run: Path) -> "Trained":
-    """Reads a run folder of offline or online training.
-
-    Raises:
-        MissingExtraError: torch is not installed.
-        CheckpointError: as `read_trained` says.
-    """
+    """Reads a run folder of offline or online training."""
     require_extra("torch", "torch", f"loading the run {run}")
     from swarmdata.evaluation.runs.trained_policies import read_trained  # noqa: PLC0415  (torch)
 

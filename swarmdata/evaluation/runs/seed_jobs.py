@@ -86,7 +86,6 @@ def check_folders(out: Path, folders: Sequence[Path]) -> None:
 
     Raises:
         OutputError: a folder has files and holds no run.
-        BuildError: there are other runs.
     """
     check_marked(out, CONFIG, "run folder", "seeds-.*")
     for folder in folders:

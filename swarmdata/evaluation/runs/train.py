@@ -453,15 +453,7 @@ def last_evaluation(
 
 
 def read_settings(name: str) -> dict[str, str]:
-    """Reads settings of an algorithm as text, like those of `--set`.
-
-    Args:
-        name: of a file in `online_algos/configs`, without `.yaml`, or a path.
-
-    Raises:
-        UnknownNameError: there is no such file.
-        SpecError: the file is not a table.
-    """
+    """Reads settings as texts, as of `--set`, of a file in `online_algos/configs` or a path."""
     folder = files("swarmdata.online_algos") / "configs"
     shipped = {Path(file.name).stem: file for file in folder.iterdir()}
     file = Path(name) if Path(name).suffix else shipped.get(name)

@@ -44,11 +44,7 @@ class Trained(NamedTuple):
         return SideSpec.parse(self.spec, str(self.folder)) if is_side else None
 
     def task(self, advice: str) -> TaskSpec:
-        """Returns the task of the training; `advice`: what to do with a run on a recording.
-
-        Raises:
-            SpecError: it was trained on a recording of another environment, or for one side.
-        """
+        """Returns the task of the training; `advice`: what to do with a run on a recording."""
         if (own := self.side) is not None:
             raise SpecError(
                 f"{self.folder} was trained for the side {own.side} of {own.whole.task}, and does "
@@ -74,7 +70,6 @@ class Trained(NamedTuple):
         their training. `advice`: see `task`.
 
         Raises:
-            PolicyFitError: the robots, their number, the features or the actions do not fit.
             SpecError: the vector that the policies' frame turns with is not observed.
         """
         policies, trained = self.policies(), self.task(advice)
@@ -104,8 +99,6 @@ def read_trained(folder: Path) -> Trained:
     With them, results of `swarmdata.evaluate_parallel` can be saved like those of our tasks.
 
     Raises:
-        CheckpointError: the folder holds no run, its run has no checkpoint, or runs of several
-            processes differ in more than their seeds.
         BuildError: an online run has no policy yet.
     """
     folders = run_folders(folder) or (folder,)

@@ -72,14 +72,7 @@ def run_study(
 ) -> tuple[dict[str, str], list[Path]]:
     """Runs the cells of a study that are not done yet, and writes the pages of all that are.
 
-    Returns:
-        Why cells failed, by name, and the files that were written, the page first.
-
-    Raises:
-        OutputError: `options.out` has files that no study wrote.
-        StaleCellError: the folder has results of another configuration.
-        StudyError: no cell is done, so there is nothing to write.
-        UnknownNameError: no such algorithm, setting, dataset or cell.
+    Returns why cells failed, by name, and the files that were written, the page first.
     """
     check_output(options.out, STUDY)
     for task in study.tasks.tasks if study.tasks else ():
@@ -138,7 +131,6 @@ def run_one_cell(study: Study, name: str, options: StudyOptions) -> bool:
     Two processes may run the same cell: one waits for the other. Returns whether it was not done.
 
     Raises:
-        UnknownNameError: no such cell.
         StaleCellError: its folder has results of another configuration.
         SwarmdataError: training or evaluation failed.
     """
@@ -215,11 +207,7 @@ class Comparison(NamedTuple):
 
 
 def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
-    """Runs a finished cell again in a temporary folder, from its recorded configuration.
-
-    Raises:
-        StudyError: the cell is not finished, or fails this time.
-    """
+    """Runs a finished cell again in a temporary folder, from its recorded configuration."""
     if not (folder / DONE_FILE).exists():
         raise StudyError(f"{folder} holds no finished cell. Run the study first.")
     cell = Cell.in_folder(folder)
@@ -264,7 +252,6 @@ def reproduce_study_cell(study: Study, name: str, options: StudyOptions) -> Comp
 
     Raises:
         UnknownNameError: no such cell.
-        StudyError: it is not finished, or several cells match.
     """
     work, folder = options.work_of(study), options.work_of(study) / "cells" / name
     if not (folder / DONE_FILE).exists():  # neither of the grid nor of a sweep

@@ -87,11 +87,7 @@ class Tuning(Frozen):
         return found
 
     def choice(self, rule: Rule) -> int:
-        """The number of the trial that a rule chooses, the first of equal ones.
-
-        Raises:
-            ResultsError: all trials failed.
-        """
+        """The number of the trial that a rule chooses, the first of equal ones."""
         found = self.criterion(rule)
         if np.isneginf(found).all():
             raise ResultsError(f"all trials of {self.algorithm} failed: {self.trials[0].failure}")
@@ -210,14 +206,11 @@ def expected_scores(criterion: Sequence[float] | Double, scores: Double) -> Doub
     """Returns the expected score of the trial that k trials would have ended with, k = 1 ... n.
 
     Trial 0 is always among them, the others are k - 1 of the rest, each set of that size as likely
-    as any other. So the last value is the score of the trial chosen of all. With the score as its
-    criterion, it is the expected validation performance of Dodge et al., "Show Your Work: Improved
-    Reporting of Experimental Results", EMNLP 2019, section 3, with trials drawn without
-    replacement, which has no bias (Tang et al., "Showing Your Work Doesn't Always Work", ACL 2020).
-
-    Args:
-        criterion: of each trial; the largest is chosen, of equal ones the first, [n].
-        scores: of the trials, [n].
+    as any other; that of the largest criterion, [n], of equal ones the first, is chosen. With the
+    score as its criterion, it is the expected validation performance of Dodge et al., "Show Your
+    Work: Improved Reporting of Experimental Results", EMNLP 2019, section 3, with trials drawn
+    without replacement, which has no bias (Tang et al., "Showing Your Work Doesn't Always Work",
+    ACL 2020).
     """
     found = np.asarray(criterion)
     order = [k for k in np.lexsort((-np.arange(len(found)), found)) if k > 0]  # the best last

@@ -70,9 +70,6 @@ class Rule:
     the better copy of a continuous action, which lies up to half a bin's width from every bin. A
     joint head adds the columns' U and has one p of all combinations; its threshold is that of one
     column to the power of D.
-
-    Raises:
-        SchemaError: the temperature is not positive, or the threshold not in [0, 1].
     """
 
     regulariser: Regulariser  # which of them

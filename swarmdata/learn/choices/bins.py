@@ -16,11 +16,7 @@ from swarmdata.learn.networks.team_networks import Parameters, answer
 
 
 def bin_values(n_bins: int, dtype: torch.dtype = torch.float32) -> Tensor:
-    """Returns evenly spaced action values from -1 to 1, [C]; an odd number has 0 among them.
-
-    Raises:
-        SchemaError: fewer than 2 bins.
-    """
+    """Returns evenly spaced action values from -1 to 1, [C]; an odd number has 0 among them."""
     if n_bins < 2:
         raise SchemaError(f"got {n_bins} bins, expected at least 2: the ends of [-1, 1]")
     return (2 * torch.arange(n_bins, dtype=dtype) - (n_bins - 1)) / (n_bins - 1)

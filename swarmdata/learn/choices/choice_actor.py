@@ -26,9 +26,6 @@ class ChoiceActor:
     """Maps normalized observations, and the agent's number, to distributions over choices.
 
     Critics see actions as `encode` gives them, of `encoded_sizes`.
-
-    Raises:
-        SchemaError: another network than `mlp`, which reads named features of continuous worlds.
     """
 
     def __init__(

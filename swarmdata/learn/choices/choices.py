@@ -63,11 +63,7 @@ class Choices:
 
     @property
     def n_combinations(self) -> int:
-        """Combinations of one robot's choices in all columns, C ** D.
-
-        Raises:
-            SchemaError: there are too many of them to list.
-        """
+        """Combinations of one robot's choices in all columns, C ** D."""
         number = self.n_choices**self.n_columns
         if number > MOST_COMBINATIONS:
             raise SchemaError(

@@ -77,13 +77,11 @@ class TeamMemory:
     def along(
         self, batch: Batch, normalize: Callable[[Tensor], Tensor], slow: StackedGates
     ) -> tuple[Batch, Tensor, Tensor, Tensor]:
-        """Returns transitions of windows [K, B, L, ...] to learn from, and what is seen of them.
+        """Returns transitions of windows [K, B, L, ...], [K, R, ...], and what is seen of them.
 
-        `normalize` makes observations as recorded comparable, `slow` are copies of the units.
-
-        Returns:
-            Transitions, [K, R, ...]; normalized observations with memories, [K, R, N, O + M]; these
-            one step later, and what the copies see then, both without a gradient.
+        `normalize` makes observations as recorded comparable, `slow` are copies of the units. Seen
+        are normalized observations with memories, [K, R, N, O + M]; these one step later, and what
+        the copies see then, both without a gradient.
         """
         features = normalize(batch.observations)
         steps, now, memory = learned(self.network, batch, features, self.window, self.parameters)

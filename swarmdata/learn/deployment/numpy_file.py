@@ -128,9 +128,6 @@ class _Program:
         calls: name of the result, operation and arguments, in order; names begin with %.
         outputs: names of action and next memory.
         constants: arrays that calls name.
-
-    Raises:
-        PolicyFitError: an operation of torch has no translation.
     """
 
     def __init__(self, step: RobotStep) -> None:

@@ -20,7 +20,6 @@ class OnnxPolicy:
         path: of the file, which must hold all its weights.
 
     Raises:
-        CheckpointError: it is no network of ONNX, or has other inputs or outputs.
         MissingExtraError: onnxruntime is not installed.
         OSError: the file cannot be read.
     """
@@ -75,11 +74,7 @@ class OnnxPolicy:
         self._memory[copies] = 0.0
 
     def act(self, step: Step) -> Float:
-        """Returns joint actions; see `interfaces.Policy.act`.
-
-        Raises:
-            CheckpointError: its actions are no finite numbers for each robot.
-        """
+        """Returns joint actions; see `interfaces.Policy.act`."""
         n_copies, n_robots, n_features = step.observations.shape
         inputs = {"observation": step.observations.reshape(-1, n_features)}
         if self._with_robots:
@@ -98,9 +93,5 @@ class OnnxPolicy:
         return self._last.keep(step, joint).copy()
 
     def log_probs(self, step: Step, actions: Float) -> Float:
-        """Returns 0 for robots that take the policy's actions, else -infinity, [E, N].
-
-        Raises:
-            SchemaError: it is not the step that the policy acted on last.
-        """
+        """Returns 0 for robots that take the policy's actions, else -infinity, [E, N]."""
         return certain_log_probs(self._last.require(step), actions)

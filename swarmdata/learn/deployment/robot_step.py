@@ -147,7 +147,6 @@ def fitting_step(policy: Policy, path: Path, features: Sequence[Sequence[str]]) 
 
     Raises:
         PolicyFitError: policies of this kind cannot be exported.
-        ConversionError: `path` exists, or the policy has another number of features.
     """
     step, n_features = robot_step(policy, len(features)), max(map(len, features))
     if step.n_features != n_features:

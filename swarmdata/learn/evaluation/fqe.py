@@ -51,11 +51,7 @@ CHUNK_SIZE = 1024  # transitions at once
 
 @dataclass(frozen=True)
 class FQEConfig:
-    """How values are fitted; one setting for all datasets.
-
-    Raises:
-        SchemaError: a number is out of range.
-    """
+    """How values are fitted; one setting for all datasets."""
 
     n_updates: int = 3_000
     batch_size: int = 256
@@ -188,17 +184,10 @@ class FittedQ:
 def fitted_q_evaluation(
     train: Answered, held_out: Answered, scale: float, config: FQEConfig, *, progress: bool = True
 ) -> Values:
-    """Fits the critics of K policies, and says what the policies are worth.
+    """Fits critics of K policies on a split; says what they are worth from another's first states.
 
-    Args:
-        train: what to fit.
-        held_out: whose first states are evaluated, usually the validation split.
-        scale: a typical size of returns, such as the deviation of the returns-to-go.
-        config: settings.
-        progress: whether to show a bar (on standard error, if that is a terminal).
-
-    Raises:
-        DivergedError: a value became infinite or NaN.
+    `scale` is a typical size of returns, such as the deviation of the returns-to-go. Raises
+    DivergedError if a value became infinite or NaN.
     """
     fitted, n_rows = FittedQ(train, scale, config), len(train.data)
     device = train.data.rows.device

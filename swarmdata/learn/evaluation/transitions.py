@@ -49,12 +49,7 @@ class Transitions:
         discount: float,
         device: torch.device | str = "cpu",
     ) -> "Transitions":
-        """Reads all episodes of a dataset, usually one split; `discount` is a step's, of `returns`.
-
-        Raises:
-            SchemaError: there are no episodes, the actions are not continuous and bounded, or
-                returns are too large for float32.
-        """
+        """Reads all episodes of a dataset, usually one split; `discount` is of `returns`."""
         if not len(dataset):
             raise SchemaError(f"there are no episodes of {dataset.id} to read; widen the filter")
         spec, known = dataset.spec, Normalizer(statistics, "cpu")
@@ -110,9 +105,6 @@ def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     """Returns the actions of K policies in every state of a dataset, float32 [K, n + E, N, A].
 
     Rows are those of `Transitions.x`. Robots that have left an episode do nothing.
-
-    Raises:
-        SchemaError: a policy does not tell its actions, or was trained on other observations.
     """
     actors = [policy for policy in policies if isinstance(policy, Actor)]
     if silent := sorted({type(p).__name__ for p in policies if not isinstance(p, Actor)}):

@@ -15,9 +15,8 @@ function of z, and robots that must agree do.
 
 The network predicts where a path ends, not its velocity a - z: the squared error of v at t counts
 (1 - t)^2 times as much (Salimans & Ho 2022, "Progressive Distillation for Fast Sampling of
-Diffusion Models", section 4; arXiv 2603.06454 for flows). Where c tells nearly all of the action, e
-hardly depends on x, where a velocity must cancel the noise ever more exactly. The price: a spread
-much smaller than the noise is not copied.
+Diffusion Models", section 4; arXiv 2603.06454 for flows). A spread much smaller than the noise is
+not copied.
 """
 
 import torch
@@ -43,11 +42,7 @@ FLOW_STREAM = 4
 
 
 class JointFlow:
-    """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends.
-
-    Raises:
-        SchemaError: there is no hidden layer, or no step of Euler's method.
-    """
+    """Velocity fields of K seeds, by networks that predict where a robot's part of a path ends."""
 
     def __init__(self, setup: Setup, hidden: tuple[int, ...], n_steps: int) -> None:
         if not hidden or n_steps < 1:
@@ -68,12 +63,9 @@ class JointFlow:
     ) -> Tensor:
         """Returns L(e), the mean over rows, [K].
 
-        Args:
-            x: c, normalized states and observations, [K, B, S + N O].
-            actions: of the data, [K, B, N, A].
-            noise: z, standard normal, [K, B, N, A].
-            times: t, uniform in [0, 1), [K, B, 1].
-            alive: which robots count, [K, B, N], as in `presence`.
+        x is c, normalized, [K, B, S + N O], actions the data's, [K, B, N, A]; the noise z is
+        standard normal, [K, B, N, A], times t uniform in [0, 1), [K, B, 1]; `alive` is as in
+        `presence`, [K, B, N].
         """
         on_path = noise + times[..., None] * (actions - noise)
         team = torch.cat([x, on_path.flatten(2), times], 2)

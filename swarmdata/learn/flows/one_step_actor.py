@@ -143,13 +143,10 @@ class Distillation:
     def fit(
         self, x: Tensor, batch: Batch, generators: Sequence[torch.Generator], scale: float
     ) -> Tensor:
-        """Moves the flow one step towards the data; returns its loss, [K].
+        """Moves the flow one step towards the joint actions of a batch; returns its loss, [K].
 
-        Args:
-            x: normalized states and observations, [K, B, S + N O].
-            batch: with the joint actions of the data, [K, B, ...].
-            generators: of noise and times, one per seed, [K].
-            scale: factor on the learning rate.
+        x are normalized states and observations, [K, B, S + N O]; one generator for each seed draws
+        noise and times; `scale` is a factor on the learning rate.
         """
         actions = batch.actions
         times = uniform_like(generators, actions[:, :, 0, :1])  # [K, B, 1]
@@ -162,11 +159,8 @@ class Distillation:
     ) -> Tensor:
         """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'.
 
-        Args:
-            x: normalized states and observations, [K, B, S + N O].
-            z: the noise that the actors see, [K, B, N, A].
-            actions: joint actions of the data, [K, B, N, A].
-            generators: of the noise z', one per seed, [K].
+        x are normalized states and observations, [K, B, S + N O]; the noise z that the actors see,
+        and the data's joint actions, are [K, B, N, A]; one generator for each seed draws z'.
         """
         samples = self.flow.sample(x, z)
         if not self._debiased:

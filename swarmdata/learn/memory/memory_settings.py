@@ -22,11 +22,7 @@ class WindowSettings:
         return True
 
     def n_windows(self, batch_size: int) -> int:
-        """Returns how many segments have as many steps as a batch of transitions.
-
-        Raises:
-            SchemaError: less than a segment is asked for.
-        """
+        """Returns how many segments have as many steps as a batch of transitions."""
         if batch_size < self.window:
             raise SchemaError(
                 f"batch_size is {batch_size} and window {self.window}: a batch has less than one "

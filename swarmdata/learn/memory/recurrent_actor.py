@@ -25,8 +25,7 @@ from swarmdata.types import Batch
 class RecurrentActor:
     """Maps all normalized observations of an episode so far, and the agent's number, to actions.
 
-    Args:
-        squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
+    Outputs pass through tanh (`squash`), or are clipped when acting only.
     """
 
     def __init__(
@@ -64,11 +63,7 @@ def make_actor(
     squash: bool,
     policy_network: PolicyNetwork,
 ) -> StackedActor | RecurrentActor:
-    """Makes the actors of K seeds, which remember if the settings say so.
-
-    Raises:
-        SchemaError: networks over sets are to remember.
-    """
+    """Makes the actors of K seeds, which remember if the settings say so."""
     if settings.has_memory:
         if policy_network != "mlp":
             raise SchemaError(

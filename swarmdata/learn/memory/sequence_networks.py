@@ -221,11 +221,7 @@ def _exponents(differences: Tensor, deviation: float) -> Tensor:
 
 @dataclass(frozen=True)
 class SequenceSettings(WindowSettings):
-    """Settings of policies that act in sequence.
-
-    Raises:
-        SchemaError: a size is below 1, or heads do not divide the width.
-    """
+    """Settings of policies that act in sequence."""
 
     window: int = 10  # with 10 steps of burn-in, a robot learns with 10 to 20 steps of its past
     width: int = 64  # of a token

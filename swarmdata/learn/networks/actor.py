@@ -27,12 +27,8 @@ PolicyNetwork = Literal["mlp", "deep_sets"]
 class StackedActor:
     """Maps normalized observations to actions; perceptrons see the agent's number too.
 
-    Args:
-        squash: whether outputs pass through tanh; otherwise they are clipped when acting only.
-        policy_network: `deep_sets` reads the slots of an observation as sets (`set_networks`).
-
-    Raises:
-        SchemaError: features have no names, which `deep_sets` needs.
+    Outputs pass through tanh (`squash`), or are clipped when acting only. The `policy_network`
+    `deep_sets` reads the slots of an observation as sets (`set_networks`).
     """
 
     def __init__(

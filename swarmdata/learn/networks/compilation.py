@@ -69,11 +69,7 @@ def has_compilable(kind: type) -> bool:
 
 @contextmanager
 def compiling() -> Iterator[Compilation]:
-    """Compiles compilable functions while it is open; yields the cost so far.
-
-    Raises:
-        ProgramError: torch.compile does not work here; the message says why.
-    """
+    """Compiles compilable functions while it is open; yields the cost so far."""
     from torch._dynamo import config  # noqa: PLC0415  (takes a second)
 
     compilation = Compilation()

@@ -59,9 +59,6 @@ class Statistics:
         """Reads every state and reward of a dataset, usually its train split, once, in float64.
 
         `discount` is the factor per step of the returns-to-go; steps of a mixture have weights.
-
-        Raises:
-            SchemaError: there are no episodes.
         """
         total = squares = np.zeros(1)
         n_rows, returns, totals, weights = 0.0, [], [], step_weights(episodes)

@@ -43,22 +43,17 @@ class HyperMixer:
 
         Q_tot = u(w_2(s))' elu(u(W_1(s))' q + b_1(s)) + v(s)
 
-    Monotonic mixers are those of QMIX (Rashid et al. 2018, section 4.1 and figure 2): u is |.|.
-    The others are FACMAC's nonmonotonic factorization (Peng et al. 2021, section 3.1), in which u
+    Monotonic mixers are those of QMIX (Rashid et al. 2018, section 4.1 and figure 2): u is |.|. The
+    others are FACMAC's nonmonotonic factorization (Peng et al. 2021, section 3.1), in which u
     changes nothing: actors need no greedy choice of the critic.
 
     W_1, b_1, w_2 and v are outputs of one perceptron of the state with a hidden layer. (In QMIX's
     paper they are separate networks, and only v has a hidden layer.) The values enter with the
     weights divided by N, so that their scale is independent of the size of the team.
 
-    Args:
-        state_size: S.
-        seeds: of the initial parameters, [K].
-        stream: separates the draws of different networks of one seed.
-        embedding: width of the mixing network's hidden layer, M.
-        hidden: width of the hypernetwork's hidden layer.
-        n_critics: mixers of each seed, J, which are neighbors; K is J times the seeds when called.
-        is_monotonic: whether u is |.|.
+    `stream` separates the draws of different networks of one seed; `embedding` is the width of the
+    mixing network's hidden layer, M, `hidden` that of the hypernetwork's. Each seed has J =
+    `n_critics` mixers, which are neighbors; K is J times the seeds when called.
     """
 
     def __init__(

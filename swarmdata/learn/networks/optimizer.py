@@ -99,13 +99,10 @@ def cosine(update: int, n_updates: int, floor: float = 0.0) -> float:
 class Descent:
     """Adam on several kinds of networks of K seeds, and target copies that follow some of them.
 
-    Args:
-        networks: `StackedLayers` of any kinds, by name; the rows of each are grouped by seed.
-        learning_rate: Adam's alpha, of all or by name.
-        max_norm: largest norm of one seed's gradient in one kind of network; None does not clip.
-        followed: names of those that have a target copy.
-        moments: how the names of Adam's moments begin in checkpoints, by name of the networks; of
-            others NAME_adam.
+    `networks` are `StackedLayers`, by name; rows are grouped by seed. `learning_rate` is Adam's
+    alpha, of all or by name, `max_norm` the largest norm of one seed's gradient in one kind of
+    network, None does not clip; those that are `followed` have target copies. In checkpoints,
+    Adam's moments begin with the names in `moments`, or with NAME_adam.
     """
 
     def __init__(

@@ -132,11 +132,7 @@ class StackedLayers:
         self.flat.copy_(flat)
 
     def load_layers(self, rows: slice, layers: Sequence[Layer]) -> None:
-        """Replaces the weights of some networks.
-
-        Raises:
-            CheckpointError: they are of other layer sizes.
-        """
+        """Replaces the weights of some networks."""
         own = [[part[rows] for part in present(layer)] for layer in self._frozen]
         given = [present(layer) for layer in layers]
         shapes = [[[part.shape for part in layer] for layer in side] for side in (own, given)]
@@ -243,14 +239,8 @@ def initialize(
 
     `uniform` is torch.nn.Linear's default, U(-b, b) with b = 1 / sqrt(inputs) for weights and
     biases. `orthogonal` is Saxe et al. 2014 with gain sqrt(2) for ReLU layers, `head_gain` for the
-    last one, and zero biases.
-
-    Args:
-        network: R networks; R is a multiple of the number of seeds, rows of a seed are neighbors.
-        seeds: one per group of rows, [K].
-        stream: separates the draws of different networks of one seed.
-        method: distribution of the weights.
-        head_gain: factor on the last layer's weights.
+    last one, and zero biases. Rows of a seed are neighbors, as many for each; `stream` separates
+    the draws of different networks of one seed.
     """
     per_seed, rest = divmod(len(network.flat), len(seeds))
     if rest:

@@ -14,11 +14,7 @@ from swarmdata.types import Batch, Episode
 
 @dataclass(frozen=True, slots=True)
 class Sizes:
-    """Numbers of agents and of features, and what there is to choose from.
-
-    Raises:
-        SchemaError: a size is below 1.
-    """
+    """Numbers of agents and of features, and what there is to choose from."""
 
     n_agents: int  # N
     observation: int  # O

@@ -84,16 +84,11 @@ def cql_gap(
 
     It is linear in Q, so that nothing else ends it: where all data are alike, values of other
     actions fall without end, and those of the data are dragged along (see `omar`). A row is not
-    penalized further once the data's action is worth `limit` more than the soft maximum, as
-    the threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq.
-    30).
+    penalized further once the data's action is worth `limit` more than the soft maximum, as the
+    threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq. 30).
 
-    Args:
-        log_density: of the sampled actions, [K, B, M].
-        values: what the critics give for them, [K, J, B, M].
-        q: what they give for the data's actions, [K, J, B].
-        temperature: tau of the soft maximum.
-        limit: of what the penalty enforces.
+    Sampled actions have log densities [K, B, M] and values [K, J, B, M], the data's actions q, [K,
+    J, B]; the temperature is tau of the soft maximum.
     """
     gaps = soft_maximum(values, log_density, temperature) - q
     return gaps.clamp(min=-limit).mean(2)

@@ -129,15 +129,9 @@ def anchored_loss(
     """Returns -(Q_i(pi) + log beta(pi | o_i) / eta), the mean over robots, [K].
 
     Its gradient is what counts: constants are left out, and Q_i is the plane through 0 with the
-    slope that Q_i has at pi, or with `steepest` where that is less.
-
-    Args:
-        pi: the policies' actions, [K, B, N, A].
-        values: Q_i of them, with their gradient, [K, B, N].
-        mean: of beta, [K, B, N, A].
-        deviation: of beta, [K, B, N, A].
-        eta: inverse temperature, [K].
-        steepest: largest length of the gradient of Q with respect to one robot's action, [K].
+    slope that Q_i has at pi, or with `steepest`, [K], where that is less. The policies' actions,
+    mean and deviation of beta are [K, B, N, A]; values Q_i(pi), with their gradient, [K, B, N]; eta
+    is the inverse temperature, [K].
     """
     held = 0.5 * ((pi - mean) / deviation).square().sum(3)  # [K, B, N]
     climbed = (bounded_gradient(values, pi, steepest) * pi).sum(3)  # [K, B, N]
@@ -184,13 +178,9 @@ def conservative_gap(
     """Returns sum_j mean_id [log sum_k exp U_dk - sum_k w_dk U_dk], [K].
 
     Conservative Q-learning (Kumar et al. 2020, equation 4) robot by robot and column by column: the
-    sum over joint actions has no such form and was found unstable.
-
-    Args:
-        utilities: [K, J, B, N, D, C].
-        weights: the data's actions as weights of the choices, [K, B, N, D, C].
-        exists: which choices there are, bool [N, D, C]; None: all.
-        alive: which robots count, bool [K, B, N], as in `presence`.
+    sum over joint actions has no such form and was found unstable. Utilities are [K, J, B, N, D,
+    C], the data's actions as weights of the choices [K, B, N, D, C]; choices that there are
+    (`exists`) bool [N, D, C], None: all; robots that count (`alive`) [K, B, N].
     """
     taken = (utilities * weights[:, None]).sum(-1)  # [K, J, B, N, D]
     if exists is not None:

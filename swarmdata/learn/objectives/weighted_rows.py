@@ -115,9 +115,6 @@ class ScoredRows:
     """The last batches of K seeds and the advantages of their rows, from which actors learn.
 
     `effective_share` is the least effective sample size of the weights over their number.
-
-    Raises:
-        SchemaError: the share is not above 0 and at most 1.
     """
 
     def __init__(self, effective_share: float, generators: Sequence[torch.Generator]) -> None:

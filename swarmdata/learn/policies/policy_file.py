@@ -45,11 +45,7 @@ LAYER_FIELDS = ("layers", "behavior", "gates")
 
 
 def save_policy(path: Path, policy: Policy) -> None:
-    """Writes a policy of one of the `KINDS`, atomically; its folder is made if need be.
-
-    Raises:
-        CheckpointError: it is of no such kind.
-    """
+    """Writes a policy of one of the `KINDS`, atomically; its folder is made if need be."""
     if type(policy).__name__ not in KINDS:
         raise CheckpointError(
             f"a policy of class {type(policy).__name__} cannot be written to a file, expected one "

@@ -38,21 +38,13 @@ class RunningMemory:
 
     @torch.no_grad()
     def advance(self, gates: Sequence[Layer], features: Tensor, parameters: Parameters) -> Tensor:
-        """Takes in normalized features, float64 [E, N, F]; returns the memory after, [E, N, M].
-
-        Raises:
-            SchemaError: the memory is of other copies.
-        """
+        """Takes in normalized features, float64 [E, N, F]; returns the memory after, [E, N, M]."""
         before = by_network(self.before(features)[None], parameters)
         after = next_memory(gates, to_rows(features[None], parameters), before)
         return self.keep(from_rows(after, (1, *features.shape), parameters)[0])
 
     def before(self, features: Tensor) -> Tensor:
-        """Returns the memory before a step of features [E, N, F], float64 [E, N, M].
-
-        Raises:
-            SchemaError: the memory is of other copies.
-        """
+        """Returns the memory before a step of features [E, N, F], float64 [E, N, M]."""
         if self._values is None or self._values.shape[:2] != features.shape[:2]:
             raise SchemaError(
                 f"a policy with memory got a step of {tuple(features.shape[:2])} copies and robots,"
@@ -94,12 +86,7 @@ class Remembering(ABC):
 
     @torch.no_grad()
     def act(self, step: Step) -> Float:
-        """Returns joint actions, float32 [E, N, A], and remembers the step.
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on, or `reset` was
-                not called with these copies.
-        """
+        """Returns joint actions, float32 [E, N, A], and remembers the step."""
         policy: Any = self  # with `frame` and `parameters`
         features = standard_features(self, self.layers[0], step.observations)
         memory = self._memory.advance(self.layers, features, policy.parameters)

@@ -59,12 +59,7 @@ class SequencePolicy:
 
     @torch.no_grad()
     def act(self, step: Step) -> Float:
-        """Returns joint actions, float32 [E, N, A], and remembers the step.
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on, or `reset` was
-                not called with these copies.
-        """
+        """Returns joint actions, float32 [E, N, A], and remembers the step."""
         observations = step.observations
         features = standard_features(self, self.layers[EMBED], observations)
         before = self._memory.before(features)[None]

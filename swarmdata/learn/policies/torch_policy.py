@@ -36,11 +36,7 @@ class StepFunction(ABC):
         """Does nothing: the policy has no memory."""
 
     def act(self, step: Step) -> Float:
-        """Returns joint actions, float32 [E, N, A].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
+        """Returns joint actions, float32 [E, N, A]."""
         actions = self.step_actions(step)
         self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
@@ -57,11 +53,7 @@ class Memoryless(StepFunction):
 
     @abstractmethod
     def actions(self, observations: Float) -> Float:
-        """Returns joint actions, float32 [E, N, A], for observations [E, N, O].
-
-        Raises:
-            SchemaError: the observations are not those the policy was trained on.
-        """
+        """Returns joint actions, float32 [E, N, A], for observations [E, N, O]."""
 
     def step_actions(self, step: Step) -> Float:
         return self.actions(step.observations)
@@ -127,9 +119,6 @@ def outputs_of(policy: Any, observations: Float, *, beside: Tensor | None = None
     """Returns what the networks of a policy answer, float64 [E, N, outputs].
 
     `beside` is what they see besides observations [E, N, O], float64 [E, N, D].
-
-    Raises:
-        SchemaError: the observations are not those the networks were trained on.
     """
     n_beside = 0 if beside is None else beside.shape[-1]
     features = standard_features(policy, policy.layers[0], observations, n_beside)
@@ -142,9 +131,6 @@ def standard_features(policy: Any, first: Layer, observations: Float, n_beside: 
     """Returns observations in a policy's frame, normalized, float64 [E, N, O].
 
     `first` is the first layer of one seed's networks, with `n_beside` inputs besides them.
-
-    Raises:
-        SchemaError: the observations are not those the networks were trained on.
     """
     framed = seen_in(policy.frame, observations)
     check_observations(first, framed, policy.observation_mean, policy.parameters, n_beside)
@@ -203,15 +189,10 @@ class SetPolicy(Memoryless):
         return in_world(self.frame, observations, local).astype(np.float32)
 
     def fitted(self, features: Sequence[Feature], robots: Sequence[Robot]) -> "SetPolicy":
-        """Returns the same policy for observations with other numbers of slots.
+        """Returns the same policy for a team of robots and features with other numbers of slots.
 
-        Args:
-            features: of one robot's observation.
-            robots: of the team.
-
-        Raises:
-            PolicyFitError: the own features, the kinds of slots or their fields differ.
-            SpecError: the vector that the frame turns with is not observed.
+        Raises PolicyFitError if the own features, the kinds of slots or their fields differ, and
+        SpecError if the vector that the frame turns with is not observed.
         """
         frame = find_frame(features, self.anchor, robots)
         slots = slots_of(tuple(feature.name for feature in features), frame)

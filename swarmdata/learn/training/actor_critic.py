@@ -1,14 +1,10 @@
 """What offline algorithms share beside losses: the state, and the two-stage loop of actor-critics.
 
-An actor that climbs a critic while the critic learns decides what the critic values. So
-actor-critics can train in two stages. In the first, critics learn the value of an actor that their
+Actor-critics can train in two stages. In the first, critics learn the value of an actor that their
 own rule moves; a behavior density learns beside them. In the second, the last `extraction_share` of
 the updates, the density stands still, and the actor descends one of the extraction losses of
-`objectives.losses`. Critics go on learning, the value of the new actor; with `frozen_critics` they
-do not.
-
-Nobody in good data hits an obstacle, so slopes of critics are short on average and long in some
-places. That is why a robot is pulled by at most `slope_limit` slopes.
+`objectives.losses`, pulled by at most `slope_limit` slopes. Critics go on learning, the value of
+the new actor; with `frozen_critics` they do not.
 
 The inverse temperature eta is `inverse_temperature` / slope. The slope is the deviation of Q_i
 under the density divided by that of the actions, both as means over robots and rows of the first
@@ -94,11 +90,7 @@ ACTOR_CRITIC_SPACE: Space = {
 
 @dataclass(frozen=True)
 class ExtractionConfig:
-    """Settings of the extraction of a policy; one setting for all datasets.
-
-    Raises:
-        SchemaError: the inverse temperature is 0.
-    """
+    """Settings of the extraction of a policy; one setting for all datasets."""
 
     extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`

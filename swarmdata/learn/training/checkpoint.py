@@ -38,11 +38,7 @@ def save_checkpoint(path: Path, tensors: Mapping[str, Tensor], metadata: Mapping
 
 
 def load_checkpoint(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Reads a checkpoint: its tensors on the CPU, and its metadata.
-
-    Raises:
-        CheckpointError: there is no such file, it is damaged, or it is not a checkpoint.
-    """
+    """Reads a checkpoint: its tensors on the CPU, and its metadata."""
     try:
         data = read_regular(path, MAX_BYTES)
     except FileNotFoundError as error:

@@ -30,9 +30,6 @@ def compact(folder: Path) -> None:
     """Replaces the checkpoint of a finished run by one of its policies; `load_run` reads both.
 
     The run cannot be trained any further. Killed in the middle, it can be called again.
-
-    Raises:
-        CheckpointError: the folder holds no run, an unfinished or a damaged one.
     """
     run = read_run(folder)
     tensors, metadata = load_checkpoint(folder / CHECKPOINT)

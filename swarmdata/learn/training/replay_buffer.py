@@ -66,9 +66,6 @@ class Replay:
     """The transitions that K seeds met, the newest `capacity` rows of them.
 
     A ring that is in the folder already is kept until it is written to, for `load_state_dict`.
-
-    Raises:
-        CheckpointError: the folder has the ring of another run.
     """
 
     def __init__(self, shape: Shape, folder: Path | str) -> None:
@@ -82,11 +79,7 @@ class Replay:
         return min(self.n_written, self.shape.capacity)
 
     def append(self, batch: Batch) -> None:
-        """Writes one step of all copies, arrays [K, E, ...], over the oldest row.
-
-        Raises:
-            SchemaError: a field has another shape.
-        """
+        """Writes one step of all copies, arrays [K, E, ...], over the oldest row."""
         slot = self.n_written % self.shape.n_rows
         row = self._ring[slot]
         flags = np.stack([batch.terminations, batch.truncations], axis=-1)
@@ -111,9 +104,6 @@ class Replay:
         """Draws transitions uniformly, with replacement; tensors [K, B, ...], B = `batch_size`.
 
         There is one generator for each seed, on the CPU.
-
-        Raises:
-            SchemaError: nothing has been written yet.
         """
         if not len(self):
             raise SchemaError("the replay is empty; append at least one row before drawing")
@@ -153,11 +143,7 @@ class Replay:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned, from the ring file that it left.
-
-        Raises:
-            CheckpointError: the file does not hold the rows of this state any more.
-        """
+        """Restores what `state_dict` returned, from the ring file that it left."""
         checksums = np.asarray(state["checksums"])
         if checksums.shape != self._checksums.shape:
             raise CheckpointError(
@@ -180,9 +166,6 @@ def open_map(path: Path, shape: tuple[int, ...]) -> "np.memmap[Any, np.dtype[np.
     """Maps a file of float32, made if there is none.
 
     All of it is reserved at once: a full disk ends a process that writes to a map, without a word.
-
-    Raises:
-        CheckpointError: the file has another size.
     """
     size = 4 * int(np.prod(shape))
     if not path.exists():

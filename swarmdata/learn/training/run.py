@@ -48,11 +48,7 @@ D = TypeVar("D", bound=Description)
 
 
 class Run(Generic[D]):
-    """A run that is being trained: its description, its checkpoints and its tables.
-
-    Raises:
-        CheckpointError: the last checkpoint is damaged, or belongs to another run.
-    """
+    """A run that is being trained: its description, its checkpoints and its tables."""
 
     def __init__(self, folder: Path, description: D) -> None:
         # now: the time of the last checkpoint; 0 before the first
@@ -99,15 +95,8 @@ class Run(Generic[D]):
     ) -> None:
         """Writes a checkpoint of the algorithm's `state`, and `others` beside it, over the last.
 
-        Args:
-            now: updates, or joint steps of each seed, so far.
-            state: of the algorithm.
-            others: tensors beside it.
-            keep: whether the checkpoint is kept beside later ones too, `kept_path`.
-            **metadata: JSON values.
-
-        Raises:
-            DivergedError: the state is not finite; then the last checkpoint stays.
+        `now` counts updates, or joint steps of each seed, so far; `keep`: whether the checkpoint
+        stays beside later ones too, `kept_path`; metadata are JSON values.
         """
         tensors = {f"algorithm.{name}": tensor for name, tensor in state.items()}
         self.check_finite(tensors, "the algorithm's tensors", now)
@@ -155,7 +144,6 @@ def claimed(folder: Path, description: D, *, shown: bool) -> Iterator[Run[D]]:
 
     Raises:
         OutputError: the folder has files and holds no run.
-        CheckpointError: the folder holds another run, or a damaged one.
     """
     file = folder / CONFIG
     with locked(file, shown):

@@ -58,14 +58,7 @@ def run_folders(folder: Path) -> tuple[Path, ...]:
 
 
 def find_run(name: str | Path) -> Path | None:
-    """Finds a training run by its name; None: that is no run.
-
-    Args:
-        name: its folder; or `zoo:ALGORITHM/DATASET`, a finished run of the package.
-
-    Raises:
-        UnknownNameError: the zoo has no such run.
-    """
+    """Finds a training run by its folder, or as `zoo:ALGORITHM/DATASET`; None: that is no run."""
     if str(name).startswith(ZOO):
         if (wanted := str(name).removeprefix(ZOO)) not in zoo():
             hint = "Train others with `swarmdata train ALGORITHM DATASET`."
@@ -93,11 +86,7 @@ class Seed(NamedTuple):
 
 
 def seeds_of(runs: Sequence[Path]) -> list[Seed]:
-    """Returns all seeds of run folders, or of the runs in a folder that several processes trained.
-
-    Raises:
-        BuildError: a folder holds no run.
-    """
+    """All seeds of run folders, or of the runs in a folder that several processes trained."""
     found = []
     for run in runs:
         folders = run_folders(run)

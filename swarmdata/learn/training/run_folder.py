@@ -138,17 +138,7 @@ class Loaded:
 def load_algorithm(
     folder: Path | str, device: torch.device | str = "cpu", update: int | None = None
 ) -> Loaded:
-    """Loads the algorithm of a run folder with all its networks.
-
-    Args:
-        folder: of the run.
-        device: where it computes.
-        update: of a checkpoint that was kept; None for the last one.
-
-    Raises:
-        CheckpointError: the folder holds no run, the checkpoint is absent or damaged, or it has
-            only what policies need (`training.compact`).
-    """
+    """Loads a run's algorithm with all its networks, as of the last update or one that was kept."""
     path = Path(folder) / CHECKPOINT if update is None else kept_path(Path(folder), update)
     loaded = load_last(folder, device, path)
     if loaded.is_compact:
@@ -170,11 +160,7 @@ def restore(algorithm: Algorithm, state: Mapping[str, Any], *, is_compact: bool 
 
 
 def statistics_of(tensors: Mapping[str, Tensor]) -> Statistics:
-    """Reads the statistics back from a checkpoint's tensors.
-
-    Raises:
-        CheckpointError: an older swarmdata wrote them, with fewer.
-    """
+    """Reads the statistics back from a checkpoint's tensors."""
     values: dict[str, Any] = {
         name: tensor.numpy() if tensor.ndim else tensor.item()
         for name, tensor in checkpoint.part(tensors, "statistics").items()

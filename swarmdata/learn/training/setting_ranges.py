@@ -13,12 +13,7 @@ from swarmdata.errors import SpecError
 
 @dataclass(frozen=True, slots=True)
 class Range:
-    """Numbers from `low` to `high`.
-
-    Attributes:
-        is_open_below: whether `low` itself is outside.
-        is_open_above: whether `high` is.
-    """
+    """Numbers from `low` to `high`; an end that is open is itself outside."""
 
     low: float
     high: float = math.inf
@@ -78,16 +73,7 @@ OF_EVERY_TRAINING = ("n_updates", "batch_size", "n_steps", "n_copies")
 
 
 def check_range(kind: type, name: str, value: Any) -> None:
-    """Refuses a number outside its range.
-
-    Args:
-        kind: class of the config, or of its section.
-        name: of its field.
-        value: of the field's type.
-
-    Raises:
-        SpecError: a number is outside the range, or a tuple of numbers is empty.
-    """
+    """Refuses a number of a config's class outside its range, or an empty tuple of numbers."""
     if name not in RANGES or not (name in OF_EVERY_TRAINING or _is_ours(kind, name)):
         return
     if value is None or isinstance(value, str):

@@ -27,10 +27,6 @@ def override(config: C, changes: Mapping[str, str]) -> C:
     A setting may be a bool, int, float, str, Literal, `tuple[X, ...]` (values separated by commas)
     or one of these or None (`none`). A field that is a dataclass itself is a section: its settings
     are called `section.name`.
-
-    Raises:
-        UnknownNameError: there is no such setting; the nearest name is suggested.
-        SpecError: the text is not a value of its type, or a number outside its range.
     """
     types = setting_types(type(config))
     values: dict[str, Any] = {}

@@ -35,11 +35,7 @@ Report = Callable[[int], None]
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Schedule:
-    """How often, in updates, a run does what else it does.
-
-    Raises:
-        SchemaError: a number is below 1, or checkpoints would fall between two rows of the losses.
-    """
+    """How often, in updates, a run does what else it does."""
 
     log_every: int = 100
     checkpoint_every: int = 1000

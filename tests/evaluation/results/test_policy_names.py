@@ -13,13 +13,7 @@ pytest.importorskip("torch", reason="runs need the torch extra")
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.envs.world.pettingzoo import ParallelWorld
-from swarmdata.errors import (
-    CheckpointError,
-    ResultsError,
-    SchemaError,
-    SpecError,
-    UnknownNameError,
-)
+from swarmdata.errors import CheckpointError, ResultsError, SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.clips import draw_target
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
@@ -387,18 +381,9 @@ def test_the_command_line_trains_and_evaluates_sides(
         "evaluate", "random", "--task", "tag", "--side", "pursuers", "--opponents", "idle",
         "--episodes", "2",
     )  # fmt: skip
-    small = (
-        "--steps",
-        "64",
-        "--set",
-        "n_copies=4",
-        "--set",
-        "rollout_steps=8",
-        "--set",
-        "hidden=8",
-    )
-    run("train-online", "dagger", "tag", "--side", "pursuers", "--opponents", out, "--seeds", "1",
-        "--checkpoints", "1", "--set", "frame=auto", *small, "--out",
+    small = ("--steps", "64", "--set", "n_copies=4", "--set", "rollout_steps=8", "--set",
+             "hidden=8", "--set", "frame=auto", "--seeds", "1", "--checkpoints", "1")  # fmt: skip
+    run("train-online", "dagger", "tag", "--side", "pursuers", "--opponents", out, *small, "--out",
         tmp_path / "online")  # fmt: skip
     assert "tag: pursuers against run@" in run(
         "evaluate", tmp_path / "online", "--opponents", out, "--episodes", "2"

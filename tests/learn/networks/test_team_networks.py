@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from swarmdata.learn.networks.perceptrons import MLPShape
-from swarmdata.learn.networks.team_networks import Team, answer, from_rows, to_rows
+from swarmdata.learn.networks.team_networks import Team, from_rows, to_rows
 
 SHAPE = MLPShape(5, (6,), 2)
 FEATURES = torch.randn(2, 7, 3, 5, generator=torch.Generator().manual_seed(0))
@@ -41,14 +41,3 @@ def test_separate_networks_have_nothing_in_common() -> None:
     team.network.flat[4] += 1.0  # seed 1, robot 1
     changed = (team(FEATURES) != before).flatten(3).any(-1).any(1)
     assert changed.tolist() == [[False, False, False], [False, True, False]]
-
-
-@pytest.mark.parametrize("parameters", ["shared", "separate"])
-def test_a_seed_answers_the_same_in_any_stack_and_alone(parameters: Any) -> None:
-    team = made(parameters)
-    outputs = team(FEATURES)
-    for index, seed in enumerate((4, 9)):
-        alone = made(parameters, (seed,))
-        torch.testing.assert_close(alone(FEATURES[index : index + 1])[0], outputs[index])
-        exact = answer(team.extract(index), FEATURES[index].double(), parameters)
-        torch.testing.assert_close(exact.float(), outputs[index])

@@ -37,15 +37,7 @@ def test_noisy_samples_have_the_log_density_of_their_noise() -> None:
     expected = log_probs.sum((3, 4))
     torch.testing.assert_close(samples.log_density[inside], expected[inside], rtol=1e-4, atol=1e-4)
     assert samples.actions.std().item() == pytest.approx(0.2, abs=0.01)
-
-
-def test_a_sample_is_clipped_and_a_seed_draws_alike_in_every_stack() -> None:
-    actions = torch.full((2, 5, 2, 2), 0.95)
-    both = noisy_samples(generators([7, 8], "cpu"), actions, 10, 1.0)
-    alone = noisy_samples(generators([8], "cpu"), actions[1:], 10, 1.0)
-    assert torch.equal(both.actions[1:], alone.actions)
-    assert torch.equal(both.log_density[1:], alone.log_density)
-    assert both.actions.abs().max() == 1
+    assert noisy_samples(generators([0], "cpu"), centers, 10, 1.0).actions.abs().max() == 1
 
 
 def test_the_estimate_is_the_integral() -> None:

@@ -84,14 +84,6 @@ def test_what_is_left_of_a_row_is_drawn_by_chance() -> None:
     assert 150 < second < 250
 
 
-def test_the_draws_of_a_seed_do_not_depend_on_the_others() -> None:
-    weights = torch.rand(3, 50, 4, generator=torch.Generator().manual_seed(0))
-    together = draw(weights, 20, generators([5, 6, 7], "cpu"))
-    for k, seed in enumerate((5, 6, 7)):
-        alone = draw(weights[k : k + 1], 20, generators([seed], "cpu"))
-        assert torch.equal(together[k], alone[0])
-
-
 def numbered(first: int, n_rows: int = 4, n_agents: int = 2) -> Batch:
     """A batch whose observations and actions are the numbers of its rows, from `first` on."""
     numbers = torch.arange(first, first + n_rows, dtype=torch.float32)

@@ -1,6 +1,6 @@
 """Small checkpoints: the same policies of every algorithm, and nothing else."""
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -135,12 +135,10 @@ def test_a_run_that_is_not_finished_is_refused(data: Dataset, tmp_path: Path) ->
         compact(tmp_path)
 
 
-def test_policies_that_are_not_the_same_are_told_apart(data: Dataset, tmp_path: Path) -> None:
-    config = resolve("algorithm", OFFLINE_ALGORITHMS, "bc").Config(n_updates=1, batch_size=16)
-    (policy,) = train_seeds("bc", data, tmp_path, seeds=(0,), config=config, progress=False)
-    assert is_same([policy], (policy,))
-    assert not is_same(policy, replace(policy, squash=False))  # type: ignore[type-var]
+def test_what_is_not_the_same_is_told_apart() -> None:
+    constant = Constant(torch.zeros(2))
+    assert is_same([constant], (constant,))
+    assert not is_same(constant, Constant(torch.ones(2)))
     assert not is_same(torch.zeros(2), torch.zeros(3))
     assert not is_same(torch.zeros(1), 0.0)
     assert not is_same([1], [1, 2])
-    assert read_run(tmp_path).seeds == (0,)

@@ -50,12 +50,6 @@ def test_text_becomes_the_value_of_the_fields_type(field: str, text: str, value:
     assert type(changed) is type(value)
 
 
-def test_other_fields_keep_their_values() -> None:
-    config = Config(n_updates=7)
-    assert override(config, {"name": "y"}) == Config(n_updates=7, name="y")
-    assert config.name == "x"
-
-
 def test_an_unknown_field_is_refused_with_the_nearest_name() -> None:
     with pytest.raises(UnknownNameError, match=r"'learning_rat'.*Did you mean 'learning_rate'"):
         override(Config(), {"learning_rat": "1"})

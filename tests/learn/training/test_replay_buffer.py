@@ -86,14 +86,6 @@ def test_every_transition_is_drawn_about_as_often(tmp_path: Path) -> None:
         assert (counts - 400).abs().max() < 100  # 5 standard deviations
 
 
-def test_a_seed_draws_the_same_transitions_in_any_stack(tmp_path: Path) -> None:
-    replay = filled(tmp_path, 7)
-    first = replay.sample(generators([8, 9], "cpu"), 20)
-    second = replay.sample(generators([1, 9], "cpu"), 20)
-    assert torch.equal(first.observations[1], second.observations[1])
-    assert not torch.equal(first.observations[0], second.observations[0])
-
-
 @pytest.mark.parametrize("later", [0, 1, 3])
 def test_a_killed_run_finds_the_rows_of_its_checkpoint(tmp_path: Path, later: int) -> None:
     replay = filled(tmp_path, 11)
@@ -131,15 +123,6 @@ def test_a_ring_of_other_sizes_is_refused(tmp_path: Path) -> None:
         Replay(shape(capacity=6), tmp_path)
     with pytest.raises(CheckpointError, match="has 8 rows, expected 7"):
         Replay(shape(capacity=4), tmp_path / "other").load_state_dict(saved)
-
-
-def test_a_state_is_a_snapshot(tmp_path: Path) -> None:
-    replay = filled(tmp_path, 3)
-    saved = replay.state_dict()
-    before = saved["checksums"].clone()
-    replay.append(row(3))
-    assert torch.equal(saved["checksums"], before)
-    assert saved["n_written"] == 3
 
 
 def test_mistakes_are_told(tmp_path: Path) -> None:

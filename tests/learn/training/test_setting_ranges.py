@@ -4,7 +4,6 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, get_args
 
@@ -13,7 +12,6 @@ import pytest
 pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.runs.train import read_settings
 from swarmdata.learn.training.setting_ranges import RANGES, Range, check_range
 from swarmdata.learn.training.settings import LogUniform, override, setting_types, space_of
 from swarmdata.offline_algos.bc import BCConfig
@@ -22,10 +20,6 @@ from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS,
 OFFLINE = {name: resolve("algorithm", OFFLINE_ALGORITHMS, name) for name in OFFLINE_ALGORITHMS}
 ONLINE = {name: resolve("algorithm", ONLINE_ALGORITHMS, name) for name in ONLINE_ALGORITHMS}
 KINDS = (*OFFLINE.values(), *ONLINE.values())
-CONFIGS = sorted(
-    path.name.removesuffix(".yaml")
-    for path in (files("swarmdata.online_algos") / "configs").iterdir()
-)
 
 
 def is_numeric(kind: Any) -> bool:
@@ -62,15 +56,6 @@ def test_search_spaces_are_inside(name: str) -> None:
         ends = (space.low, space.high) if isinstance(space, LogUniform) else space.values
         for value in ends:
             check_range(OFFLINE[name].Config, key, value)
-
-
-@pytest.mark.parametrize("name", CONFIGS)
-def test_shipped_settings_are_inside(name: str) -> None:
-    settings = read_settings(name)
-    fitting = [k for k in ONLINE.values() if settings.keys() <= setting_types(k.Config).keys()]
-    assert fitting
-    for kind in fitting:
-        override(kind.Config(), settings)
 
 
 @pytest.mark.parametrize(

@@ -32,26 +32,12 @@ from tests.support.pairs import slow
 
 SEEDS = (5, 2)
 SCHEDULE = Schedule(log_every=5, checkpoint_every=10, evaluate_every=20)
-SETTINGS: dict[str, dict[str, Any]] = {
-    "bc": {"hidden": (8,)},
-    "filtered_bc": {"hidden": (8,), "fraction": 0.5},
-    "facmac_bc": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    "bc_latent": {"hidden": (8,)},
-    "bc_flow": {"hidden": (8,), "flow_hidden": (8,)},
-    "mac_flow": {"actor_hidden": (8,), "critic_hidden": (8,), "flow_hidden": (8,)},
-    "iql": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    "iql_cost": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    "omiga": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    "oryx": {"width": 8, "value_hidden": (8,), "burn_in": 2, "window": 4},
-    "maddpg_bc": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    "matd3": {"actor_hidden": (8,), "critic_hidden": (8,)},
-    **{
-        name: {"actor_hidden": (8,), "critic_hidden": (8,), "n_samples": 2}
-        for name in ("maddpg_cql", "cfcql", "icql_qs", "omar")
-    },
-    "vdn": {"hidden": (8,)},
-    "qmix": {"hidden": (8,), "mixer_hidden": 4, "mixer_embedding": 4},
-}
+SMALL: dict[str, Any] = {
+    **dict.fromkeys(("hidden", "actor_hidden", "critic_hidden", "flow_hidden"), (8,)),
+    "value_hidden": (8,), "width": 8, "mixer_hidden": 4, "mixer_embedding": 4, "n_samples": 2,
+    "burn_in": 2, "window": 4, "fraction": 0.5,
+}  # fmt: skip
+"""Of the algorithms that have them."""
 
 
 def dataset() -> MemoryDataset:
@@ -67,8 +53,9 @@ def dataset() -> MemoryDataset:
 
 
 def config_of(algorithm: str, **changes: Any) -> Any:
-    values = {"n_updates": 43, "batch_size": 8, **SETTINGS[algorithm], **changes}
-    return resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config(**values)
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config
+    small = {each.name: SMALL[each.name] for each in fields(kind) if each.name in SMALL}
+    return kind(**{"n_updates": 43, "batch_size": 8, **small, **changes})
 
 
 def size_of_first_layer(policy: Policy) -> Mapping[str, float]:

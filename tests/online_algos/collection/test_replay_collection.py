@@ -1,6 +1,7 @@
 """Collecting: what is kept of two episodes, and what a round returns."""
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,6 @@ from torch import Tensor
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.learn.networks.network_inputs import generators
 from swarmdata.online_algos.collection.replay_collection import (
-    LinearSchedule,
     OffPolicy,
     ReplaySettings,
     epsilon_greedy,
@@ -109,13 +109,12 @@ def test_other_reward_weights_are_learned_from(tmp_path: Path) -> None:
         weighted.mix_in(None, 0.5)  # type: ignore[arg-type]
 
 
-def test_a_schedule_falls_and_stays() -> None:
-    schedule = LinearSchedule(1.0, 0.2, duration=0.5)
-    assert [schedule.at(p) for p in (0.0, 0.25, 0.5, 0.9, 1.0)] == pytest.approx(
-        [1.0, 0.6, 0.2, 0.2, 0.2]
-    )
-    with pytest.raises(SchemaError, match="expected above 0"):
-        LinearSchedule(1.0, 0.2, duration=0.0)
+def test_a_value_falls_linearly_and_stays(two_episodes: Any, tmp_path: Path) -> None:
+    run, found = Watch(two_episodes, tmp_path), []
+    run.config = SimpleNamespace(n_steps=100, exploration=0.5)
+    for run.frames in (0, 25, 50, 90):
+        found.append(run.faded(1.0, 0.2))
+    assert found == pytest.approx([1.0, 0.6, 0.2, 0.2])
 
 
 def test_noise_has_its_deviation_and_stays_in_the_box() -> None:

@@ -14,7 +14,7 @@ from swarmdata.evaluation.runs import train as training
 from swarmdata.evaluation.runs.train import train_online
 from swarmdata.learn.networks.critics import RobotCritics
 from swarmdata.learn.training.compact import compact
-from swarmdata.learn.training.run_files import CHECKPOINT, read_table
+from swarmdata.learn.training.run_files import CHECKPOINT
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.settings import override
 from swarmdata.learn.training.trainer import train_seeds
@@ -106,19 +106,6 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
     train_online(
         algorithm, task, out, seeds=SEEDS, changes=changes, start=run, progress=False, **options
     )
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("algorithm", "offline"), PAIRS[1:5])
-def test_the_first_policies_are_those_of_the_offline_run(
-    algorithm: str, offline: str, runs: dict[str, Path], task: str, tmp_path: Path
-) -> None:
-    start(algorithm, task, tmp_path / "run", runs[offline])
-    rows = read_table(tmp_path / "run" / "curve.csv")
-    assert [row["frames"] for row in rows[:3]] == [0, 0, 96]
-    for policy, row in zip(load_run(runs[offline]), rows, strict=False):
-        for name, value in measure(policy, TINY.spec, 2).items():
-            assert row[name] == pytest.approx(value, rel=1e-5), name
 
 
 @pytest.mark.parametrize(("algorithm", "offline"), PAIRS)

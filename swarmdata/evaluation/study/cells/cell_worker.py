@@ -64,7 +64,6 @@ def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> 
     `report` gets the number of updates since its last call.
 
     Raises:
-        BuildError: the folder holds another cell.
         SwarmdataError: training or evaluation failed.
     """
     with locked(folder):

@@ -126,8 +126,6 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
 
     Raises:
         UnknownNameError: no such algorithm, setting, reward weight or set of them.
-        SpecError: two cells have the same name, a setting has the wrong type, or no algorithm has
-            a setting of the study.
     """
     _check_settings(study)
     found = [

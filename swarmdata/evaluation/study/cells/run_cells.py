@@ -24,11 +24,7 @@ WORKER = "swarmdata.evaluation.study.cells.cell_worker:cell_runner"
 
 
 def select_cells(cells: Sequence[Cell], pattern: str | None) -> list[Cell]:
-    """Returns the cells whose names match a pattern such as `bc/*`; all of them for None.
-
-    Raises:
-        UnknownNameError: no name matches.
-    """
+    """Returns the cells whose names match a pattern such as `bc/*`; all of them for None."""
     found = [cell for cell in cells if pattern is None or fnmatch(cell.name, pattern)]
     if not found and pattern is not None:
         raise UnknownNameError("cell", pattern, [cell.name for cell in cells])
@@ -44,21 +40,11 @@ def run_cells(
     again: bool = False,
     progress: bool = True,
 ) -> dict[str, str]:
-    """Runs the cells that are not done yet; after a kill, the same call resumes.
+    """Runs the cells that are not done yet; returns why cells failed, by name.
 
-    Args:
-        cells: of a study.
-        work: the study's folder of cells.
-        workers: processes of the engine `local`, each with one thread.
-        engine: where cells run, as `build` takes it; all processes see `work` and the datasets.
-        again: whether stale cells are deleted and run again.
-        progress: whether to show a progress bar on standard error, if that is a terminal.
-
-    Returns:
-        Why cells failed, by name.
-
-    Raises:
-        StaleCellError: a folder holds a cell of another key, and `again` is false.
+    After a kill, the same call resumes. `engine` is as `build` takes it; all processes see `work`
+    and the datasets. `again`: whether stale cells are deleted and run again; StaleCellError
+    otherwise.
     """
     remove_stale(cells, work, again=again)
     waiting = [cell for cell in cells if not cell.is_done(cell.folder(work))]
@@ -94,11 +80,7 @@ def run_cells(
 
 
 def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
-    """Deletes folders that hold a cell of the same name with another configuration.
-
-    Raises:
-        StaleCellError: there are such folders, and `again` is false.
-    """
+    """Deletes folders that hold a cell of the same name with another configuration."""
     found = [(cell, cell.conflict(cell.folder(work))) for cell in cells]
     stale = [(cell, why) for cell, why in found if why is not None]
     if stale and not again:

@@ -94,11 +94,7 @@ def short_name(dataset: str) -> str:
 
 
 def dataset_of_size(dataset: str, size: Size) -> tuple[str, int | None]:
-    """Returns which dataset to load for a size, and how many of its first joint steps; None: all.
-
-    Raises:
-        SchemaError: a folder has no mini.
-    """
+    """Which dataset to load for a size, and how many of its first joint steps; None: all."""
     if size != "mini":
         return dataset, None if size == "full" else size
     if not is_dataset(dataset):
@@ -134,8 +130,6 @@ def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
 
     Raises:
         UnknownNameError: no such weight or set.
-        SpecError: a weight cannot have the value, the dataset's kind of task has no such set, or
-            the choice leaves all weights as they are.
     """
     recipe = find_recipe(dataset) if is_dataset(dataset) else load(dataset).recipe
     rules = task_of(recipe, "learning from other rewards").rules
@@ -175,11 +169,7 @@ def open_dataset(
 def open_mixture(
     parts: Mapping[str, float], *, observation: str | None, communication: str | None
 ) -> Mixture:
-    """Loads the datasets of a mixture, which are weights by id or folder, as `open_dataset` does.
-
-    Raises:
-        SchemaError: they were recorded with different specs.
-    """
+    """Loads the datasets of a mixture, weights by id or folder, as `open_dataset` does."""
     opened = [
         open_dataset(part, observation=observation, communication=communication) for part in parts
     ]

@@ -109,7 +109,6 @@ def collect_findings(
     """Reads the results of the cells that are done, and why others failed, by name.
 
     Raises:
-        StudyError: no cell on the study's own datasets is done.
         ResultsError: the results cannot be compared.
     """
     done = tuple(cell for cell in cells if cell.is_done(cell.folder(work)))

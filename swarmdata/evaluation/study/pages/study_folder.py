@@ -65,10 +65,7 @@ from swarmdata.evaluation.study.shifts.shift import (
     transfer_section,
     write_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweeps import (
-    read_sweeps,
-    sweep_sections,
-)
+from swarmdata.evaluation.study.shifts.sweeps import read_sweeps, sweep_sections
 from swarmdata.rollouts.score_intervals import target_of
 from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
 from swarmdata.specs.plain_names import without_version
@@ -142,9 +139,6 @@ def rewrite_pages(out: Path) -> list[Path]:
 
     What policies reach in other conditions is not computed again: the archive does not have these
     episodes, and the folder has the estimates. Returns the files, the page first.
-
-    Raises:
-        StudyError: the folder has no archive of cells.
     """
     if not (out / ARCHIVE_FILE).exists():
         raise StudyError(

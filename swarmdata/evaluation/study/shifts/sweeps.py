@@ -16,11 +16,7 @@ from swarmdata.evaluation.results.estimate_table import format_estimate
 from swarmdata.evaluation.results.result_tables import QUANTITIES
 from swarmdata.evaluation.robustness.sweep import plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import parse_axis
-from swarmdata.evaluation.robustness.sweep_plots import (
-    PANEL_HEIGHT,
-    axis_label,
-    degradation_panel,
-)
+from swarmdata.evaluation.robustness.sweep_plots import PANEL_HEIGHT, axis_label, degradation_panel
 from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE, Degradation, read_csv
 from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.evaluation.study.cells.cells import Cell, offline_cell

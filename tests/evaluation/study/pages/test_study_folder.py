@@ -173,26 +173,6 @@ def _run_out_of_space(*_: object) -> None:
 
 
 @pytest.mark.slow
-def test_a_row_with_other_rewards_stands_beside_the_one_without(
-    make_study: Make, data: Path, tmp_path: Path
-) -> None:
-    strict = {**MADDPG, "rewards": {"time": 9.0}}
-    study = make_study(algorithms={"m": MADDPG, "strict": strict}, seeds=[0])
-    failures, (page, *_) = run_study(study, options_in(tmp_path), "x")
-    assert failures == {}
-    runs = rows(tmp_path / "out" / "results.csv")
-    assert {(run["label"], run["dataset"], run["rewards"]) for run in runs} == {
-        ("m", data.name, ""),
-        ("strict", data.name, '{"time": 9.0}'),
-    }
-    shown = f"| `strict` | {data.name.removesuffix('-v0')} | time 9 |"
-    assert shown in page.read_text()
-    assert "| algorithm | family | coop_nav-tiny |" in page.read_text(), "one column for both"
-    text = (tmp_path / "out" / "study.yaml").read_text()
-    assert Study.from_text(text).algorithms["strict"].rewards == {"time": 9.0}
-
-
-@pytest.mark.slow
 def test_pairs_and_online_rows_have_sections(make_study: Make, data: Path, tmp_path: Path) -> None:
     task = tmp_path / "nav.yaml"
     task.write_text(swarmdata.load(data).task.to_yaml())
