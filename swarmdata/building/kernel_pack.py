@@ -12,8 +12,7 @@ from pathlib import Path
 from swarmdata.building.kernel_warmup import kept_kernels, use_kernels
 from swarmdata.errors import BuildError
 
-SUFFIX = ".nbc"
-"""Of numba's files of compiled code."""
+SUFFIX = ".nbc"  # of numba's files of compiled code
 
 
 def make_pack(out: Path) -> None:

@@ -16,8 +16,7 @@ from swarmdata.errors import BuildError, ChecksumError, HubError
 from swarmdata.hub.remotes.interface import PartRemote, Release, Remote
 from swarmdata.runtime.atomic import new_folder
 
-MAX_PART_BYTES = 1 << 34
-"""Most bytes of one part that are fetched."""
+MAX_PART_BYTES = 1 << 34  # most bytes of one part that are fetched
 
 _TAR = re.compile(r"(?P<part>policy-\d+-part-\d{5,})\.(?P<digest>[0-9a-f]{64})\.tar")
 _FILE = re.compile(r"[a-z_]+\.npy")

@@ -14,8 +14,7 @@ from swarmdata.numerics.random import derive
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Double, Int, Seeds
 
-N_RETURN_BINS = 20
-"""Bins of returns, each with as many episodes of the dataset that is matched."""
+N_RETURN_BINS = 20  # bins of returns, each with as many episodes of the dataset that is matched
 
 
 def sized(table: EpisodeTable, n_steps: int, seed: int) -> Int:

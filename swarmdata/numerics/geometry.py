@@ -33,8 +33,7 @@ OBSTACLE_COLUMNS = (
 )
 """Columns of a layout row: an obstacle's shape, place and size."""
 
-OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)
-"""Names of the columns of a layout row."""
+OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)  # names of the columns of a layout row
 
 
 @kernel(inline="always")

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-READ_BYTES = 32 << 20
-"""Bytes that become resident between two times that pages are given back."""
+READ_BYTES = 32 << 20  # bytes that become resident between two times that pages are given back
 
 REGION_BYTES = 2 << 20
 """Most bytes that a read of a few makes resident: a huge page, where the cache has one."""

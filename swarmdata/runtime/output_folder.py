@@ -25,8 +25,7 @@ from swarmdata.runtime.atomic import (
 )
 from swarmdata.runtime.locking import beside, locked
 
-FORMAT_VERSION = 2
-"""Of the lists; version 1, of catalogues, named no files."""
+FORMAT_VERSION = 2  # of the lists; version 1, of catalogues, named no files
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from swarmdata.specs.sensing_models import (
     modified,
 )
 
-MEAN_BURST = 4
-"""Steps that a burst of `bursty-<percent>` lasts on average."""
+MEAN_BURST = 4  # steps that a burst of `bursty-<percent>` lasts on average
 
 Kind = type[NoCommunication] | type[Broadcast]
 COMMUNICATION_KINDS: dict[str, Kind] = {"none": NoCommunication, "broadcast": Broadcast}

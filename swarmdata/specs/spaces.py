@@ -72,8 +72,7 @@ Space = Annotated[
     Field(discriminator="kind"),
 ]
 
-LARGEST_EXACT_INTEGER = 1 << 24
-"""The largest whole number up to which all are exact in float32."""
+LARGEST_EXACT_INTEGER = 1 << 24  # the largest whole number up to which all are exact in float32
 
 
 def width(space: Space) -> int:

@@ -30,8 +30,7 @@ from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, Seeds, Step
 
-MAX_AGE = NEVER_RECEIVED - 1
-"""Largest age that is counted."""
+MAX_AGE = NEVER_RECEIVED - 1  # largest age that is counted
 
 Memory = tuple[Float, Bool, Float, Counts, Counts]
 """The memory of a channel: messages [E, D+1, N, P] and links [E, D+1, N, N] in transit, rings over

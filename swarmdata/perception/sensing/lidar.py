@@ -27,8 +27,7 @@ from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float, Int
 
-N_LANES = 16
-"""Rays of a block."""
+N_LANES = 16  # rays of a block
 
 _COS, _SIN, _INV_X, _INV_Y, _BEST, _HIT = (N_LANES * row for row in range(6))
 _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-9)

@@ -22,8 +22,7 @@ _SENSOR_STREAM = STREAMS["sensor"]
 _NOISE, _LOSS = 0, 1
 """Last counter but one of each draw; the last is the index of the feature, or of the echo."""
 
-NO_ECHOES = np.zeros((0, 2), dtype=np.int64)
-"""The echoes of models that measure objects."""
+NO_ECHOES = np.zeros((0, 2), dtype=np.int64)  # the echoes of models that measure objects
 
 
 def echoes_of(features: Sequence[Feature]) -> Int:

@@ -25,8 +25,7 @@ from swarmdata.types import Bool, Double, Float, Int
 CELL_CHANNELS = ("robot", "static", "payload")
 """Flags of each cell; the last only in tasks with movable bodies."""
 
-Pose = tuple[float, float, float, float]
-"""Position, m, and heading, a unit vector."""
+Pose = tuple[float, float, float, float]  # position, m, and heading, a unit vector
 
 
 class Grid(NamedTuple):

@@ -27,8 +27,7 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 _STREAM = STREAMS["odometry"]
 
-_POSE = 4
-"""Columns of a pose: x, y, and a direction."""
+_POSE = 4  # columns of a pose: x, y, and a direction
 
 
 class Rates(NamedTuple):

@@ -15,8 +15,7 @@ from swarmdata.types import Double, Float
 
 N_BODY = len(BODY)
 
-TARGET_NEAR = 0.01
-"""Distance (m) within which a target has no bearing."""
+TARGET_NEAR = 0.01  # distance (m) within which a target has no bearing
 
 _DISTANCE_MEANING = "distance of the target / diagonal of the arena"
 _BEARING_MEANING = "cosine and sine of the target's bearing; (0, 0) within 1 cm of it"

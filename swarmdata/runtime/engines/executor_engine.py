@@ -20,11 +20,8 @@ from swarmdata.runtime.engines.jobs import (
     stop_at_failure,
 )
 
-MAX_SUBMITTED = 1_000
-"""Jobs that an executor holds at once."""
-
-SHUTDOWN_SECONDS = 10
-"""An executor that does not end in this time is left to itself."""
+MAX_SUBMITTED = 1_000  # jobs that an executor holds at once
+SHUTDOWN_SECONDS = 10  # an executor that does not end in this time is left to itself
 
 
 @dataclass

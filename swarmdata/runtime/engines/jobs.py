@@ -21,8 +21,7 @@ THREAD_VARIABLES = (
 )
 """Environment variables that are 1 in processes that do jobs: each job has one core."""
 
-MAX_ATTEMPTS = 3
-"""How often a job is begun at most, when the processes that do it are lost."""
+MAX_ATTEMPTS = 3  # how often a job is begun at most, when the processes that do it are lost
 
 
 def usable_cores() -> int:
@@ -35,8 +34,7 @@ def usable_cores() -> int:
 Report = Callable[[int], None]
 """Gets the progress since its last call; negative when a lost job starts again."""
 
-Handler = Callable[[dict[str, Any], Report], None]
-"""Does a job, given its payload."""
+Handler = Callable[[dict[str, Any], Report], None]  # does a job, given its payload
 
 
 @dataclass(frozen=True)
