@@ -23,6 +23,7 @@ BLOCK_ROWS = 10_000  # rows that are checked together: memory stays bounded, and
 class Subject:
     """A dataset under audit."""
 
+    stored: StoredDataset  # the open files
     path: Path
     manifest: Manifest
     origin: Origin
@@ -35,7 +36,7 @@ class Subject:
     def of(cls, stored: StoredDataset, sample: int, progress: bool) -> Self:
         """A subject of open files."""
         parts = stored.path, stored.manifest, stored.recipe, stored.table, stored.arrays
-        return cls(*parts, sample, progress)
+        return cls(stored, *parts, sample, progress)
 
     @property
     def spec(self) -> Spec:
