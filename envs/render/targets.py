@@ -1,7 +1,4 @@
-"""The targets of a state as data, for everything that draws them: their places, and which are met.
-
-`Appearance` of a task says which they are.
-"""
+"""The targets of a state as data: their places, as `Appearance` says, and which are met."""
 
 from typing import NamedTuple
 

@@ -1,8 +1,4 @@
-"""Collects compiled kernels into the pack that a wheel has inside; `make wheel` runs it.
-
-A pack is a folder for each digest of source (`kernels.digest_of`), with numba's files of kernels
-that Python calls, compiled for `kernel_cache.PACK_CPU`.
-"""
+"""Collects compiled kernels for `kernel_cache.PACK_CPU` into a wheel; `make wheel` runs it."""
 
 import shutil
 import sys

@@ -1,7 +1,4 @@
-"""Compiles every kernel beforehand, by using each world, sensor, radio and controller once.
-
-A kernel is compiled for the types that it is called with, which only the code that calls it knows.
-"""
+"""Compiles every kernel beforehand, by using each world, sensor, radio and controller once."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor

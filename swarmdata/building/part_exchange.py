@@ -1,7 +1,6 @@
 """Parts of an unfinished dataset on a remote, for machines that share no file system.
 
-A part travels as one tar file, `policy-0-part-00003.<sha256>.tar`, in the remote's folder
-`<id>.<hash of the recipe>.parts`. Every machine makes the same file of it.
+Each is a tar file, `<id>.<recipe hash>.parts/policy-0-part-00003.<sha256>.tar`.
 """
 
 import hashlib

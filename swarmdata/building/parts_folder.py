@@ -1,7 +1,4 @@
-"""The folder of parts of an unfinished dataset.
-
-Part k of a policy holds the episodes from k * part_episodes on of its stream: a pure function.
-"""
+"""The folder of parts of an unfinished dataset; a part is a pure function of the recipe."""
 
 import re
 import shutil

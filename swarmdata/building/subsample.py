@@ -1,7 +1,6 @@
 """Which episodes a smaller dataset takes: in proportion, or so that returns are distributed alike.
 
-Randomness is a key for each episode, a function of its seed, so a smaller choice is part of a
-larger one.
+Each episode has a key of its seed, so that a smaller choice is part of a larger one.
 """
 
 from fractions import Fraction

@@ -1,8 +1,4 @@
-"""Reobservation: recorded states seen through other sensors and radios.
-
-The `Observer` of live worlds runs over the stored states, layouts, seeds and actions, so the
-recorded models give the recorded arrays bit for bit.
-"""
+"""Reobservation: the `Observer` of live worlds over recorded states, with other models."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace

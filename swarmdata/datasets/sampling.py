@@ -1,7 +1,4 @@
-"""Sampler, an endless seeded stream of transitions or masked windows, gathered at memory speed.
-
-A batch is a pure function of the seed and its number in the stream, so a sampler resumes exactly.
-"""
+"""Sampler, an endless seeded stream of transitions or masked windows, gathered at memory speed."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping

@@ -1,7 +1,6 @@
 """Slots of an observation by kind: the columns of each neighbor, obstacle, message and goal.
 
-Slots of one kind are a set, which policies read in any number and order. The numbers of beams,
-cells and previews say where they are, so these are read by column, as the robot's own features.
+Slots of one kind are a set; beams, cells and previews are numbered places, and read by column.
 """
 
 import re

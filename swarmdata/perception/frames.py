@@ -1,6 +1,5 @@
 """Frames in which policies observe and act: the world's, or each robot's own, turned to an anchor.
 
-Unicycles turn to their heading, whatever the others in their team turn to, and their commands stay.
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
 

@@ -1,7 +1,4 @@
-"""The folder of an unfinished recording, `<path>.recording/`, and the dataset made of it.
-
-`session.json` describes the recording. A killed process loses what is not yet in immutable parts.
-"""
+"""The folder of an unfinished recording, `<path>.recording/`, and the dataset made of it."""
 
 import re
 import shutil

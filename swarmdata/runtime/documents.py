@@ -1,8 +1,4 @@
-"""YAML and JSON from outside, read with bounds and one kind of error, which names the place.
-
-A document has the kinds of JSON and no others: YAML's dates are text, its tags for other types and
-its merge keys are refused. Size, depth and number of values are bounded.
-"""
+"""YAML and JSON from outside, with JSON's kinds alone, bounds, and errors that name the place."""
 
 import json
 import math

@@ -1,7 +1,4 @@
-"""Pages of mapped files: given back after they have been read, so that memory stays bounded.
-
-A page counts as memory of the process from its first read on; given back, it is still cached.
-"""
+"""Pages of mapped files: given back after they have been read, so that memory stays bounded."""
 
 import mmap
 from collections.abc import Iterable

@@ -1,7 +1,4 @@
-"""Recipe, everything that determines a generated dataset: task, policies, seeds, splits.
-
-Equal recipes give equal datasets.
-"""
+"""Recipe, everything that determines a generated dataset: task, policies, seeds, splits."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain

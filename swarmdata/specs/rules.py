@@ -1,7 +1,4 @@
-"""The part of a spec that only one task has: what all rules share, and where each task's are.
-
-Lengths are metres, times seconds, speeds metres per second, angles radians.
-"""
+"""The part of a spec that only one task has: what all rules share, and where each task's are."""
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType

@@ -1,7 +1,6 @@
 """Selection of the messages of one step: topology, range, bandwidth, collisions, drops.
 
-A link is an ordered pair (receiver, sender). Every random number is a function of the episode's
-seed, the step, a purpose, the sender and the receiver, so that no link depends on another's luck.
+A link is a pair (receiver, sender); its random numbers depend on no other link.
 """
 
 import math

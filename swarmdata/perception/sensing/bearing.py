@@ -1,7 +1,6 @@
 """The `bearing` model: ranges and bearings of the neighbours that are visible to a robot.
 
-A neighbour is visible if the segment between the two centres crosses no obstacle, no movable body
-and no third robot. Arithmetic as in `geometry`.
+Visible: the segment between the centres crosses no obstacle, movable body or third robot.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""Frame modifiers: delay, stacking, and noise and losses of echoes.
-
-An echo is one beam of a lidar or one cell of a grid; `measured_world` has those of whole objects.
-"""
+"""Frame modifiers: delay, stacking, and noise and losses of echoes (lidar beams, grid cells)."""
 
 import itertools
 import math

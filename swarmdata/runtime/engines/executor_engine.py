@@ -1,7 +1,4 @@
-"""The engine over any `concurrent.futures.Executor`; lost jobs are submitted again.
-
-Its processes need the same versions of all packages, and the folders that jobs name.
-"""
+"""The engine over any `concurrent.futures.Executor`; lost jobs are submitted again."""
 
 import threading
 from collections import Counter, deque

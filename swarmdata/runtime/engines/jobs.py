@@ -1,7 +1,4 @@
-"""Jobs: pieces of work that any process may do, described by JSON values.
-
-Its result is what it leaves in files, written in one rename: doing it twice is doing it once.
-"""
+"""Jobs, JSON values that any process can do; doing one twice leaves the files of doing it once."""
 
 import os
 import threading
