@@ -118,7 +118,7 @@ def blocks(array: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
         release_pages(block)
 
 
-def some(indices: Int, most: int = 3) -> str:
-    """The first few of many indices in words, such as "3, 5, 9 and 12 more"."""
-    shown = ", ".join(map(str, indices[:most].tolist()))
-    return shown if len(indices) <= most else f"{shown} and {len(indices) - most} more"
+def some(indices: Int) -> str:
+    """The first of many indices in words, such as "3, 5, 9 and 12 more"."""
+    shown = ", ".join(map(str, indices[:3].tolist()))
+    return shown if len(indices) <= 3 else f"{shown} and {len(indices) - 3} more"

@@ -67,9 +67,7 @@ class Slots:
     def moments(self, mean: Double, std: Double) -> tuple[Double, Double]:
         """Returns mean and deviation of each of `fields`, over the slots that hold something.
 
-        Args:
-            mean: of each column over the rows of the data, [O].
-            std: of each column, [O].
+        Given are those of each column over the rows of the data, [O].
         """
         squares = std**2 + mean**2  # empty slots are zeros: a mean is over all rows
         own = list(self.own_columns)

@@ -82,13 +82,7 @@ class Plans(NamedTuple):
 
 
 class Wayfinder:
-    """Adds the ways to the observations of E copies.
-
-    Args:
-        task: the task; its observations have `ways`.
-        sensed: features of the sensor and of the messages.
-        n_copies: E.
-    """
+    """Adds the ways to the observations of E copies, whose other features are `sensed`."""
 
     def __init__(self, task: Task, sensed: Sequence[Feature], n_copies: int) -> None:
         spec = task.spec

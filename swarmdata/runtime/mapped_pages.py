@@ -38,9 +38,7 @@ class MappedReads:
 def take_rows(array: NDArray[Any], rows: NDArray[np.int64]) -> NDArray[Any]:
     """Returns a copy of some rows, [n, ...], of which few pages are resident at a time.
 
-    Args:
-        array: mapped or in memory.
-        rows: in any order, increasing ones fastest; none is negative or beyond the end.
+    They may be in any order, increasing ones fastest; none is negative or beyond the end.
     """
     taken = np.empty((len(rows), *array.shape[1:]), dtype=array.dtype)
     regions = rows // max(1, READ_BYTES // max(1, array[:1].nbytes))  # of the file

@@ -53,10 +53,6 @@ class Channel:
     A robot sends its own measured state, with the noise and delay of its sensors, and takes
     received positions relative to the same. Messages are a function of the episode's seed, states
     and actions. `Step.delivered` marks the step of arrival; `Step.ages` counts from the sending.
-
-    Args:
-        spec: its communication is a `Broadcast`.
-        n_copies: E.
     """
 
     message_size: int

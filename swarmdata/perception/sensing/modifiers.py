@@ -36,11 +36,7 @@ def echoes_of(features: Sequence[Feature]) -> Int:
 class Echoes:
     """Adds noise to the distances of echoes, in [0, 1]; a lost echo reads as if it hit nothing.
 
-    Args:
-        features: of a model's kind.
-        echoes: from `echoes_of`.
-        model: its noise and dropout.
-        drawn: range of the noise, if episodes draw it, m.
+    `echoes` are those of `echoes_of`, `drawn` is the range (m) of noise that episodes draw.
     """
 
     def __init__(
@@ -73,12 +69,7 @@ class Echoes:
 class History:
     """Keeps the last frames of each copy and returns those from `delay` steps ago, newest first.
 
-    Frames from before an episode's first frame are copies of that frame.
-
-    Args:
-        shape: of a frame, (E, N, F).
-        delay: age of the newest frame that is returned, steps.
-        stack: number of frames that are returned.
+    Frames, [E, N, F], from before an episode's first one are copies of it; `stack` are returned.
     """
 
     def __init__(self, shape: tuple[int, int, int], delay: int, stack: int = 1) -> None:
