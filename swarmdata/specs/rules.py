@@ -49,6 +49,16 @@ class Rewards(Frozen):
     team_share: Probability = 0.0  # part of each reward that is the mean over the team, or side
 
 
+class CrowdedRewards(Rewards):
+    """The same where robots that meet in an aisle or at a target cannot keep 0.1 m apart."""
+
+    robot_contact: Weight = 0.2
+    obstacle_contact: Weight = 0.2
+    robot_collision: Weight = 0.5
+    obstacle_collision: Weight = 0.5
+    proximity: Weight = 0.005
+
+
 def changed_weights(weights: Rewards, changes: Mapping[str, float | str]) -> Rewards:
     """Returns the same weights with some of them changed.
 

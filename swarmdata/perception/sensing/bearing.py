@@ -40,7 +40,7 @@ def bearing_sense(model: BearingModel, scene: Scene) -> Sense:
     The nearest centre is first, as measured; a slot without a neighbour is zero.
     """
     slots = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
-    block = ArgumentBlock(scene._replace(count=model.n_neighbors, span=model.range), SCENE)
+    block = ArgumentBlock(scene._replace(n_parts=model.n_neighbors, span=model.range), SCENE)
 
     def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_bearings(
@@ -133,11 +133,11 @@ def observe_bearings(
         for i in range(first_robot, end_robot):
             o = out[b, i]
             write_polar(o, known, i, scene.diagonal)
-            o[N_POLAR : N_POLAR + _SLOT_WIDTH * scene.count] = 0.0
+            o[N_POLAR : N_POLAR + _SLOT_WIDTH * scene.n_parts] = 0.0
             slot, reach = 0, min(scene.ranges[i], span)
             for nth in range(_sort_by_distance(known, i, n_agents, reach, order)):
                 j = int(order[nth, 1])
-                if slot < scene.count and not _hidden(state, i, j, radii, rows, sizes):
+                if slot < scene.n_parts and not _hidden(state, i, j, radii, rows, sizes):
                     first = N_POLAR + _SLOT_WIDTH * slot
                     _write_slot(o[first:], known, i, j, order[nth, 0], span)
                     slot += 1

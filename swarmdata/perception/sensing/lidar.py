@@ -50,7 +50,7 @@ def lidar_sense(model: LidarModel, scene: Scene) -> Sense:
     )
     features = (*POLAR_FEATURES, *numbered("beam", model.n_rays, beam))
     rays = ray_blocks(model.n_rays)
-    block = ArgumentBlock(scene._replace(count=model.n_rays, span=model.range, rays=rays), SCENE)
+    block = ArgumentBlock(scene._replace(n_parts=model.n_rays, span=model.range, rays=rays), SCENE)
 
     def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         scan(

@@ -50,7 +50,7 @@ def occupancy_sense(model: OccupancyModel, scene: Scene) -> Sense:
     channels = CELL_CHANNELS if len(scene.bodies) else CELL_CHANNELS[:2]
     flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
     features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
-    block = ArgumentBlock(scene._replace(count=model.cells, span=model.cell_size), SCENE)
+    block = ArgumentBlock(scene._replace(n_parts=model.cells, span=model.cell_size), SCENE)
 
     def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_grids(

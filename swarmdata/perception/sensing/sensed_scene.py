@@ -44,7 +44,7 @@ class Scene(NamedTuple):
     diagonal: float  # of the arena, m
     bodies: Annotated[Double, 2]  # [K, 3] movable bodies: shape code, half length, half width, m
     has_headings: bool  # whether any robot is a unicycle
-    count: int = 0  # of rays, slots of neighbours, or cells in each direction
+    n_parts: int = 0  # rays, slots of neighbours, or cells in each direction
     span: float = 0.0  # m, the model's range, or the side of a cell
     rays: Annotated[Float, 3] = np.zeros((0, 2, 0), dtype=np.float32)  # `lidar.ray_blocks`
 
