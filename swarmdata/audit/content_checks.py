@@ -152,7 +152,6 @@ def _ends(subject: Subject, name: str) -> tuple[Bool, Bool, Seeds]:
 
 
 def _same(one: Float, other: Float) -> Bool:
-    """Which rows are equal, [n]."""
     same: Bool = (one == other).all(axis=tuple(range(1, one.ndim)))
     return same
 

@@ -49,7 +49,6 @@ def ends(subject: Subject) -> Remarks:
 
 
 def _flagged(subject: Subject, name: str) -> Int:
-    """The steps that have a flag, increasing."""
     found = [first + np.flatnonzero(block) for first, block in blocks(subject.arrays[name])]
     return np.concatenate(found)
 

@@ -144,7 +144,6 @@ def _blank_padding(batch: Batch) -> None:
 
 
 def _next_actions(actions: NDArray[Any], rows: Rows, index: Int) -> NDArray[Any]:
-    """The actions of the steps after `index`."""
     last = rows.ends.take(rows.episode.take(index)) - 1
     found = actions.take(np.minimum(index + 1, last), axis=0)
     found[index == last] = 0  # nobody acts after the end

@@ -175,7 +175,6 @@ def paths_kept(n_agents: int) -> int:
 
 
 def _no_plans(task: Task, n_copies: int) -> Plans:
-    """Returns plans of no layout."""
     rows, columns = grid_shape(task.spec.arena, NODE_SPACING)
     n_obstacles, n_paths = len(task.kinds), paths_kept(task.spec.n_agents)
     shape = (n_copies, n_paths, rows * columns)

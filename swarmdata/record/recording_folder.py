@@ -200,7 +200,6 @@ def inspect_recording(path: Path | str) -> RecordingContents:
 
 
 def _dataset_path(path: Path) -> Path:
-    """Where the dataset of an unfinished recording will be."""
     if path.suffix == ".recording":
         path = path.with_suffix("")
     folder = unfinished_folder(path)

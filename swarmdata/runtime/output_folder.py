@@ -108,7 +108,6 @@ def listed_files(folder: Path, kind: OutputKind) -> frozenset[str]:
 
 
 def _is_inside(name: str) -> bool:
-    """Whether a name leads to a place within the folder."""
     path = PurePosixPath(name)
     return bool(path.parts) and not path.is_absolute() and ".." not in path.parts
 

@@ -82,7 +82,6 @@ def _from_names(text: str, own: AnyCommunicationModel) -> AnyCommunicationModel:
 
 
 def _fields_of(part: str, text: str) -> dict[str, Any]:
-    """The fields that a name sets."""
     match = _PART.fullmatch(part)
     word, value = match.groups() if match else (part, None)
     if word in _ALONE:

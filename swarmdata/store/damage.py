@@ -90,7 +90,6 @@ def _contents(path: Path, links: set[str]) -> list[Damage]:
 
 
 def _of_file(path: Path, manifest: Manifest, file: str) -> Damage | None:
-    """Compares one file with its entry."""
     expected, target = manifest.files[file], path / file
     try:
         if not target.is_file():

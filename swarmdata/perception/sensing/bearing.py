@@ -97,7 +97,6 @@ def _sort_by_distance(state: Float, i: int, n_agents: int, reach: float, order: 
 
 @kernel
 def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: float) -> None:
-    """Fills one slot of robot i with robot j."""
     at = N_COLUMNS * i
     dx = float(state[N_COLUMNS * j + X]) - float(state[at + X])
     dy = float(state[N_COLUMNS * j + Y]) - float(state[at + Y])

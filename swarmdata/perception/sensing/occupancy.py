@@ -112,7 +112,6 @@ def _mark_row(
 
 @kernel
 def _mark_outside(flags: Float, half: Double, pose: Pose, span: float, grid: Grid) -> None:
-    """Flags the cells outside the arena."""
     px, py, ux, uy = pose
     size, middle = grid.size, (grid.cells - 1) / 2
     for row in range(grid.cells):
