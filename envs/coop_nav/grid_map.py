@@ -1,7 +1,6 @@
 """Maps of square cells: walls as few boxes, and starts and goals anywhere between them.
 
-Cells outside of the largest connected part of the free ones are walls, so that every goal can be
-reached from every start if a robot fits through a cell.
+Free cells outside of their largest connected part are walls, so that goals can be reached.
 """
 
 from collections.abc import Sequence

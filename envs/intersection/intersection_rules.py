@@ -3,23 +3,18 @@
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from swarmdata.specs.quantities import Count, Duration, Length, Weight
-from swarmdata.specs.rules import Rewards, TaskDemand, TaskRules
+from swarmdata.specs.rules import CrowdedRewards, TaskDemand, TaskRules
 
 if TYPE_CHECKING:
     from swarmdata.specs.task_spec import TaskSpec
 
 
-class IntersectionRewards(Rewards):
+class IntersectionRewards(CrowdedRewards):
     """Weights of `intersection`."""
 
     progress: Weight = 0.5  # per metre by which a robot's path to its target gets shorter
     entry: Weight = 0.5  # per trip that a robot begins
     crossing: Weight = 2.0  # per trip that a robot ends
-    robot_contact: Weight = 0.2
-    obstacle_contact: Weight = 0.2
-    robot_collision: Weight = 0.5
-    obstacle_collision: Weight = 0.5
-    proximity: Weight = 0.005  # robots that pass in an arm cannot keep 0.1 m from everything
 
 
 class IntersectionRules(TaskRules):

@@ -1,8 +1,4 @@
-"""Contact events from positions: a contact begins at overlap and ends at separation.
-
-Munk2D reports a contact exactly when bodies overlap after a step; finding that here is 100 times
-cheaper than through its callbacks. Overlaps are at most a few millimetres deep (`impacts`).
-"""
+"""Contact events from positions, as Munk2D has them: from overlap after a step to separation."""
 
 import math
 

@@ -1,7 +1,4 @@
-"""A backend without contacts: robots drive through each other and through everything else.
-
-Movable bodies stay where they are.
-"""
+"""A backend without contacts: robots drive through everything, and movable bodies stay."""
 
 from typing import Annotated, NamedTuple
 

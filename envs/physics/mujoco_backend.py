@@ -122,7 +122,6 @@ def _steer(packed: Int, s: int, commands: Double) -> None:
 def _read_bodies(
     positions: Double, velocities: Double, joints: Int, robots: Double, bodies: Double
 ) -> None:
-    """Reads what moves in one copy from its joints."""
     n = robots.shape[0]
     for i in range(n):
         place, speed = joints[i, PLACE], joints[i, SPEED]

@@ -5,7 +5,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from swarmdata.specs.quantities import Count, Length, Ratio, Weight
-from swarmdata.specs.rules import Rewards, TaskDemand, TaskRules
+from swarmdata.specs.rules import CrowdedRewards, TaskDemand, TaskRules
 
 if TYPE_CHECKING:
     from swarmdata.specs.task_spec import TaskSpec
@@ -16,16 +16,11 @@ EvaderName = Literal[
 """How evaders flee: a key of `evader.EVADERS`."""
 
 
-class PursuitRewards(Rewards):
+class PursuitRewards(CrowdedRewards):
     """Weights of `pursuit`."""
 
     progress: Weight = 0.5  # per metre by which a robot comes closer to an evader that it knows
     capture: Weight = 3.0  # to every robot, per evader that is captured
-    robot_contact: Weight = 0.2
-    obstacle_contact: Weight = 0.2
-    robot_collision: Weight = 0.5
-    obstacle_collision: Weight = 0.5
-    proximity: Weight = 0.005  # robots that close in on one evader are close to each other
 
 
 class PursuitRules(TaskRules):

@@ -1,8 +1,4 @@
-"""The picture of a state that cards, pages, notebooks and videos use.
-
-Robots are discs in their own colors with a bright mark along their heading; a red halo marks a
-contact. The targets are drawn as the task's `Appearance` says.
-"""
+"""The picture of a state that cards, pages, notebooks and videos use."""
 
 import math
 from collections.abc import Callable

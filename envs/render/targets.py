@@ -1,7 +1,4 @@
-"""The targets of a state as data, for everything that draws them: their places, and which are met.
-
-`Appearance` of a task says which they are.
-"""
+"""The targets of a state as data: their places, as `Appearance` says, and which are met."""
 
 from typing import NamedTuple
 
@@ -25,14 +22,7 @@ class Target(NamedTuple):
 
 
 def targets_of(look: Appearance, spec: TaskSpec, robots: Double, extras: Double) -> list[Target]:
-    """The targets that are drawn in a state.
-
-    Args:
-        look: of the task.
-        spec: of the task.
-        robots: columns `state_layout.ROBOT`, [N, 8].
-        extras: the task's own part of the state.
-    """
+    """The targets that are drawn in a state: its robots, [N, 8], and the task's own part of it."""
     places = robots[:, [X, Y]]
     if look.shared is not None:
         shared = extras[: 2 * look.shared.n].reshape(-1, 2)

@@ -4,7 +4,6 @@ import base64
 import io
 import shutil
 import subprocess
-import uuid
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -21,7 +20,7 @@ from swarmdata.envs.render.colors import PURE_COLORS, robot_color, tint
 from swarmdata.envs.render.drawn_scene import Scene, build_scan, build_scene
 from swarmdata.envs.render.picture import backdrop, draw, paint, save_png
 from swarmdata.errors import ProgramError, SchemaError
-from swarmdata.runtime.atomic import write_file
+from swarmdata.runtime.atomic import staged, write_file
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Episode, Float
 
@@ -176,13 +175,8 @@ def write_mp4(frames: Iterable[Any], path: Path, seconds: float) -> None:
     command += ["-s", f"{first.width}x{first.height}", "-r", str(rate), "-i", "-", "-an"]
     command += ["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2:color=white", "-c:v", "libx264"]
     command += ["-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
-    # so that the video is complete or absent; ffmpeg needs the suffix
-    part = path.with_name(f".tmp-{path.stem}-{uuid.uuid4().hex}{path.suffix}")
-    try:
-        _feed([*command, str(part)], _raw(first, images, round(_REST_SECONDS / seconds)), path)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with staged(path) as target:
+        _feed([*command, str(target)], _raw(first, images, round(_REST_SECONDS / seconds)), path)
 
 
 def _raw(first: Any, images: Iterator[Any], n_rest: int) -> Iterator[bytes]:
@@ -209,7 +203,7 @@ def _feed(command: list[str], chunks: Iterable[bytes], path: Path) -> None:
             reason = log.read().decode(errors="replace").strip() or "it gave no reason"
             raise ProgramError(
                 f"ffmpeg could not write {path}, status {process.returncode}: {reason}. It must "
-                "have the encoder libx264, and the folder must exist."
+                "have the encoder libx264."
             )
 
 

@@ -4,24 +4,19 @@ import math
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from swarmdata.specs.quantities import Count, Length, Weight
-from swarmdata.specs.rules import Rewards, TaskDemand, TaskRules
+from swarmdata.specs.rules import CrowdedRewards, TaskDemand, TaskRules
 
 if TYPE_CHECKING:
     from swarmdata.specs.task_spec import TaskSpec
 
 
-class SearchRewards(Rewards):
+class SearchRewards(CrowdedRewards):
     """Weights of `search`."""
 
     progress: Weight = 0.5  # per metre by which a robot comes closer to the victim that it knows
     sighting: Weight = 0.5  # per victim that a robot sees for the first time
     rescue: Weight = 2.0  # to every robot, per victim that is rescued
     searched: Weight = 0.05  # per square that a robot has searched
-    robot_contact: Weight = 0.2
-    obstacle_contact: Weight = 0.2
-    robot_collision: Weight = 0.5
-    obstacle_collision: Weight = 0.5
-    proximity: Weight = 0.005  # two robots at one victim are close to each other
 
 
 class SearchRules(TaskRules):

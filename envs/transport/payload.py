@@ -1,7 +1,4 @@
-"""Gaps between a payload and robots, obstacles and walls, computed from states.
-
-A payload is a moving obstacle, and works as a row of a layout (`geometry.OBSTACLE`, `place_row`).
-"""
+"""Gaps between a payload, a row of a layout that moves, and robots, obstacles and walls."""
 
 import math
 

@@ -3,23 +3,18 @@
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from swarmdata.specs.quantities import Count, Length, Weight
-from swarmdata.specs.rules import Rewards, TaskDemand, TaskRules
+from swarmdata.specs.rules import CrowdedRewards, TaskDemand, TaskRules
 
 if TYPE_CHECKING:
     from swarmdata.specs.task_spec import TaskSpec
 
 
-class WarehouseRewards(Rewards):
+class WarehouseRewards(CrowdedRewards):
     """Weights of `warehouse`."""
 
     progress: Weight = 0.5  # per metre by which a robot's shortest path to its target gets shorter
     pickup: Weight = 1.0  # per order that a robot picks up
     delivery: Weight = 2.0  # per order that a robot delivers
-    robot_contact: Weight = 0.2
-    obstacle_contact: Weight = 0.2
-    robot_collision: Weight = 0.5
-    obstacle_collision: Weight = 0.5
-    proximity: Weight = 0.005  # robots that pass in an aisle cannot keep 0.1 m from everything
 
 
 class WarehouseRules(TaskRules):

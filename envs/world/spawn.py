@@ -1,8 +1,6 @@
 """Random layouts, starts and goals: solvable by construction, a pure function of the episode seed.
 
-Bounding circles of obstacles keep gaps from each other and from the walls that are wide enough for
-a robot, and every concave shape opens into free space. So every goal can be reached from every
-start. The random numbers are SplitMix64's, as in `numerics.random`.
+Gaps around bounding circles are wide enough for a robot, and concave shapes open into them.
 """
 
 import math

@@ -20,7 +20,7 @@ from swarmdata.specs.origins import task_of
 from swarmdata.specs.state_layout import VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, StoredDataset
-from swarmdata.types import Double, Float, Int
+from swarmdata.types import Double, Int
 
 N_ROWS, N_TEAM_ROWS = 5_000, 2_500  # joint steps for entropies of one robot, and of the team
 
@@ -166,7 +166,7 @@ def places_of(stored: StoredDataset, selection: Int) -> tuple[Occupancy, int]:
     reads = MappedReads([stored.arrays["states"]])
     copies = []
     for episode in taken.tolist():
-        rows = _states(stored, episode)
+        rows = stored.rows(episode, "states")
         copies.append(rows.copy())
         reads.add(rows)
     reads.release()
@@ -178,13 +178,8 @@ def passings_of(stored: StoredDataset, episodes: Int, spec: TaskSpec) -> Passing
     """Counts on which side robots pass each other in some stored episodes."""
     reads, found = MappedReads([stored.arrays["states"]]), []
     for episode in episodes.tolist():
-        states = _states(stored, episode)
+        states = stored.rows(episode, "states")
         found.append(passings(states, spec))
         reads.add(states)
     reads.release()
     return total(found)
-
-
-def _states(stored: StoredDataset, episode: int) -> Float:
-    first = int(stored.table.starts[episode]) + episode
-    return stored.arrays["states"][first : first + int(stored.table.lengths[episode]) + 1]

@@ -129,7 +129,7 @@ def knn_entropy(
 
 
 def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
-    """Estimates the mutual information of x and y, nats; it scatters around 0 if there is none.
+    """Estimates the mutual information of joint draws x and y, nats; without any, it is about 0.
 
     The first estimator of Kraskov, Stoegbauer and Grassberger 2004, equation 8:
 
@@ -137,12 +137,7 @@ def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
 
     where n_x and n_y count the points that are strictly closer in x, and in y, than the k-th
     neighbor in (x, y). Every coordinate is divided by its standard deviation first, which changes
-    no mutual information.
-
-    Args:
-        x: independent draws, [n, d_x].
-        y: drawn jointly with x, [n, d_y].
-        k: rank of the neighbor.
+    no mutual information. x is [n, d_x], y is [n, d_y].
 
     Raises:
         SchemaError: as in `knn_entropy`.
@@ -160,14 +155,10 @@ def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
 
 
 def correlation(x: Double, y: Double) -> float:
-    """Returns the mean over columns of the absolute Pearson correlation of x with y, in [0, 1].
+    """Returns the mean over columns of the absolute Pearson correlation of x with y, [n, d] each.
 
     A constant column has no correlation and counts as 0. Nonlinear dependence, and dependence
     between different columns, is not measured.
-
-    Args:
-        x: draws, [n, d].
-        y: drawn jointly with x, [n, d].
     """
     a, b = x - x.mean(axis=0), y - y.mean(axis=0)
     scale = np.sqrt((a * a).sum(axis=0) * (b * b).sum(axis=0))
@@ -181,11 +172,6 @@ def dither(points: Double, resolution: float, seed: int) -> Double:
     Recorded values repeat: robots rest, commands are clipped. Such a distribution has no density,
     and its entropy is minus infinity; that of dithered values is at least log(resolution) for each
     coordinate. Independent noise cannot increase mutual information.
-
-    Args:
-        points: values, any shape.
-        resolution: width of the uniform noise, above 0, in the values' unit.
-        seed: seed of the noise.
     """
     noise = uniform(derive(seed, np.arange(points.size))).reshape(points.shape) - 0.5
     return points + resolution * noise

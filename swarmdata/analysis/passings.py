@@ -32,7 +32,7 @@ class Passings(NamedTuple):
 
 
 def passings(states: Float, spec: TaskSpec) -> Passings:
-    """Counts the sides on which pairs of robots passed each other in one episode.
+    """Counts the sides on which pairs of robots passed each other in an episode, states [T+1, S].
 
     An encounter of two robots is a stretch of time in which they are closer than
     `ENCOUNTER_DISTANCE`. It is head on if they were farther apart before and, in its first state,
@@ -41,10 +41,6 @@ def passings(states: Float, spec: TaskSpec) -> Passings:
     relative velocity of the first state. The side is that of the other robot at the closest
     approach. Encounters that the end of the episode cuts count too if the robots have passed each
     other by then.
-
-    Args:
-        states: of one episode, [T+1, S].
-        spec: the task.
     """
     robots = robots_of(states, spec.n_agents).astype("float64")
     n_right, n_left = 0, 0

@@ -30,11 +30,10 @@ def duplicates(subject: Subject) -> Remarks:
     names = ("observations", "states", "actions")
     keys = np.empty(len(subject.table), dtype=np.uint64)
     reads = MappedReads(subject.arrays[name] for name in names)
-    for episode, length in enumerate(subject.table.lengths.tolist()):
+    for episode in range(len(subject.table)):
         running = xxhash.xxh3_64()
         for name in names:
-            first = int(subject.starts_of(name)[episode])
-            rows = subject.arrays[name][first : first + length + (name != "actions")]
+            rows = subject.stored.rows(episode, name)
             running.update(np.ascontiguousarray(rows).reshape(-1).view(np.uint8).data)
             reads.add(rows)
         keys[episode] = running.intdigest()
@@ -153,7 +152,6 @@ def _ends(subject: Subject, name: str) -> tuple[Bool, Bool, Seeds]:
 
 
 def _same(one: Float, other: Float) -> Bool:
-    """Which rows are equal, [n]."""
     same: Bool = (one == other).all(axis=tuple(range(1, one.ndim)))
     return same
 

@@ -7,12 +7,11 @@ from swarmdata.audit.subject import Subject, blocks, some
 from swarmdata.errors import SpecError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.rollouts.recipe_episodes import episode_seeds
-from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store import SPLITS
-from swarmdata.store.arrays.running_moments import RunningMoments
+from swarmdata.store.arrays.running_moments import train_moments
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.split_rule import assign_splits
-from swarmdata.types import END_REASONS, EVENTS, Double, Int
+from swarmdata.types import END_REASONS, EVENTS, Int
 
 HORIZON_CODE = END_REASONS.index("horizon")
 
@@ -50,7 +49,6 @@ def ends(subject: Subject) -> Remarks:
 
 
 def _flagged(subject: Subject, name: str) -> Int:
-    """The steps that have a flag, increasing."""
     found = [first + np.flatnonzero(block) for first, block in blocks(subject.arrays[name])]
     return np.concatenate(found)
 
@@ -224,20 +222,17 @@ def splits(subject: Subject) -> Remarks:
 def statistics(subject: Subject) -> Remarks:
     """The normalization statistics of the manifest are those of the train split alone."""
     entry = subject.manifest.statistics
-    found = {name: _moments(subject, name) for name in ("observations", "rewards")}
+    if not (subject.table.split == SPLITS.index("train")).any():
+        yield problem("no episode is in the train split, so there are no statistics")
+        return
     stored = {
         "observations": (entry.observation_mean, entry.observation_std),
         "rewards": ((entry.reward_mean,), (entry.reward_std,)),
     }
-    for name, moments in found.items():
-        if moments is None:
-            yield problem("no episode is in the train split, so there are no statistics")
-            return
-        mean, std = moments
+    for name, known in stored.items():
+        mean, std = train_moments(subject.stored, name)
         scale = SUM_TOLERANCE * (1.0 + np.abs(mean) + std)
-        for what, got, expected in (
-            ("mean", stored[name][0], mean), ("deviation", stored[name][1], std)
-        ):  # fmt: skip
+        for what, got, expected in zip(("mean", "deviation"), known, (mean, std), strict=True):
             if len(got) != len(expected):
                 yield problem(f"{what} of {name} has {len(got)} columns, not {len(expected)}")
                 continue
@@ -247,22 +242,3 @@ def statistics(subject: Subject) -> Remarks:
                     f"{what} of {name}, column {wrong[0]}, is {got[wrong[0]]:g} in the manifest, "
                     f"{expected[wrong[0]]:g} in the train split"
                 )
-
-
-def _moments(subject: Subject, name: str) -> tuple[Double, Double] | None:
-    """Mean and deviation over the train split, as the store computes them."""
-    moments, array = RunningMoments(), subject.arrays[name]
-    columns = array.shape[2] if array.ndim == 3 else 1
-    extra = int(name == "observations")
-    starts, lengths = subject.starts_of(name), subject.table.lengths + extra
-    train = np.flatnonzero(subject.table.split == SPLITS.index("train"))
-    reads = MappedReads([array])
-    for episode in train.tolist():
-        rows = array[starts[episode] : starts[episode] + lengths[episode]]
-        moments.add(rows.reshape(-1, columns))
-        reads.add(rows)
-    reads.release()
-    if not len(train):
-        return None
-    mean, std = moments.result()
-    return np.array(mean), np.array(std)

@@ -23,6 +23,7 @@ BLOCK_ROWS = 10_000  # rows that are checked together: memory stays bounded, and
 class Subject:
     """A dataset under audit."""
 
+    stored: StoredDataset  # the open files
     path: Path
     manifest: Manifest
     origin: Origin
@@ -35,7 +36,7 @@ class Subject:
     def of(cls, stored: StoredDataset, sample: int, progress: bool) -> Self:
         """A subject of open files."""
         parts = stored.path, stored.manifest, stored.recipe, stored.table, stored.arrays
-        return cls(*parts, sample, progress)
+        return cls(stored, *parts, sample, progress)
 
     @property
     def spec(self) -> Spec:
@@ -117,7 +118,7 @@ def blocks(array: NDArray[Any]) -> Iterator[tuple[int, NDArray[Any]]]:
         release_pages(block)
 
 
-def some(indices: Int, most: int = 3) -> str:
-    """The first few of many indices in words, such as "3, 5, 9 and 12 more"."""
-    shown = ", ".join(map(str, indices[:most].tolist()))
-    return shown if len(indices) <= most else f"{shown} and {len(indices) - most} more"
+def some(indices: Int) -> str:
+    """The first of many indices in words, such as "3, 5, 9 and 12 more"."""
+    shown = ", ".join(map(str, indices[:3].tolist()))
+    return shown if len(indices) <= 3 else f"{shown} and {len(indices) - 3} more"

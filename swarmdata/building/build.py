@@ -140,7 +140,6 @@ def _make(parts: Parts, out: Path, makers: Engine, progress: bool) -> Manifest:
 
 
 def _finish(recipe: Recipe, out: Path, makers: Engine) -> None:
-    """Writes the dataset's card."""
     if isinstance(makers, Crew):  # its workers have loaded compiled code, which takes seconds
         makers.run([Job(f"the card of {recipe.id}", {"finish": str(out.resolve())})])
     else:

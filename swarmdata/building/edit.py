@@ -1,7 +1,4 @@
-"""Makes datasets of episodes of others: filtered, combined, subsampled; and makes them again.
-
-Every episode keeps its split, its seed and its policy.
-"""
+"""Datasets of episodes of others, which keep split, seed and policy: filtered, combined, fewer."""
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace

@@ -1,8 +1,4 @@
-"""Collects compiled kernels into the pack that a wheel has inside; `make wheel` runs it.
-
-A pack is a folder for each digest of source (`kernels.digest_of`), with numba's files of kernels
-that Python calls, compiled for `kernel_cache.PACK_CPU`.
-"""
+"""Collects compiled kernels for `kernel_cache.PACK_CPU` into a wheel; `make wheel` runs it."""
 
 import shutil
 import sys
@@ -12,8 +8,7 @@ from pathlib import Path
 from swarmdata.building.kernel_warmup import kept_kernels, use_kernels
 from swarmdata.errors import BuildError
 
-SUFFIX = ".nbc"
-"""Of numba's files of compiled code."""
+SUFFIX = ".nbc"  # of numba's files of compiled code
 
 
 def make_pack(out: Path) -> None:

@@ -1,7 +1,4 @@
-"""Compiles every kernel beforehand, by using each world, sensor, radio and controller once.
-
-A kernel is compiled for the types that it is called with, which only the code that calls it knows.
-"""
+"""Compiles every kernel beforehand, by using each world, sensor, radio and controller once."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -33,8 +30,7 @@ TASKS = tuple(PACKAGE_RULES)
 """Presets that are played with every sensor and radio, and of which a dataset is made, if one is
 shipped."""
 
-CONTROLLERS = ("scripted", "straight", "random", "idle")
-"""Policies without networks."""
+CONTROLLERS = ("scripted", "straight", "random", "idle")  # policies without networks
 
 OBSERVATIONS = (
     "state", "lidar", "bearing", "occupancy", "lidar+noise-0.05+dropout-0.1+delay-2+stack-2",
@@ -51,8 +47,7 @@ COMMUNICATIONS = (
 N_STEPS = 12
 """Control steps of each use; some things happen only after a few, such as a delayed message."""
 
-N_DATASET_STEPS = 1000
-"""Joint steps of each dataset, a few episodes."""
+N_DATASET_STEPS = 1000  # joint steps of each dataset, a few episodes
 
 N_COPIES = 2
 

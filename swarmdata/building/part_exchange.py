@@ -1,7 +1,6 @@
 """Parts of an unfinished dataset on a remote, for machines that share no file system.
 
-A part travels as one tar file, `policy-0-part-00003.<sha256>.tar`, in the remote's folder
-`<id>.<hash of the recipe>.parts`. Every machine makes the same file of it.
+Each is a tar file, `<id>.<recipe hash>.parts/policy-0-part-00003.<sha256>.tar`.
 """
 
 import hashlib
@@ -16,8 +15,7 @@ from swarmdata.errors import BuildError, ChecksumError, HubError
 from swarmdata.hub.remotes.interface import PartRemote, Release, Remote
 from swarmdata.runtime.atomic import new_folder
 
-MAX_PART_BYTES = 1 << 34
-"""Most bytes of one part that are fetched."""
+MAX_PART_BYTES = 1 << 34  # most bytes of one part that are fetched
 
 _TAR = re.compile(r"(?P<part>policy-\d+-part-\d{5,})\.(?P<digest>[0-9a-f]{64})\.tar")
 _FILE = re.compile(r"[a-z_]+\.npy")

@@ -1,7 +1,4 @@
-"""The folder of parts of an unfinished dataset.
-
-Part k of a policy holds the episodes from k * part_episodes on of its stream: a pure function.
-"""
+"""The folder of parts of an unfinished dataset; a part is a pure function of the recipe."""
 
 import re
 import shutil
@@ -20,11 +17,8 @@ from swarmdata.store.episode_order import MergeOrder, merge_order
 from swarmdata.store.parts import is_consumed, read_part_table
 from swarmdata.store.table import PartTable, n_steps_of
 
-SPACE_FACTOR = 1.1
-"""Room that is asked for, by the size that is expected."""
-
-_PART = re.compile(r"policy-\d+-part-\d{5,}")
-"""Names of parts."""
+SPACE_FACTOR = 1.1  # room that is asked for, by the size that is expected
+_PART = re.compile(r"policy-\d+-part-\d{5,}")  # names of parts
 
 
 def build_folder(out: Path) -> Path:

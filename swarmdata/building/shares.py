@@ -1,8 +1,4 @@
-"""Shares of a dataset's parts, for schedulers: share k of N may run anywhere, any time, twice.
-
-How many parts a policy needs is estimated from those that are there; what the estimates leave out,
-`build` makes.
-"""
+"""Shares of a dataset's parts, for schedulers: share k of N may run anywhere, any time, twice."""
 
 import math
 import shutil

@@ -1,7 +1,6 @@
 """Which episodes a smaller dataset takes: in proportion, or so that returns are distributed alike.
 
-Randomness is a key for each episode, a function of its seed, so a smaller choice is part of a
-larger one.
+Each episode has a key of its seed, so that a smaller choice is part of a larger one.
 """
 
 from fractions import Fraction
@@ -14,8 +13,7 @@ from swarmdata.numerics.random import derive
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Double, Int, Seeds
 
-N_RETURN_BINS = 20
-"""Bins of returns, each with as many episodes of the dataset that is matched."""
+N_RETURN_BINS = 20  # bins of returns, each with as many episodes of the dataset that is matched
 
 
 def sized(table: EpisodeTable, n_steps: int, seed: int) -> Int:

@@ -21,8 +21,7 @@ from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Batch, Double, Episode, Int, Seeds, Wanted, shortened
 
-LONGEST_ID = 96
-"""Characters of a mixture's id, which is part of the names of result files."""
+LONGEST_ID = 96  # characters of a mixture's id, which is part of the names of result files
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -1,8 +1,4 @@
-"""Reobservation: recorded states seen through other sensors and radios.
-
-The `Observer` of live worlds runs over the stored states, layouts, seeds and actions, so the
-recorded models give the recorded arrays bit for bit.
-"""
+"""Reobservation: the `Observer` of live worlds over recorded states, with other models."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -30,11 +26,8 @@ from swarmdata.types import Bool, Double, Episode, Float, Int, Seeds, blank_step
 N_OBSERVED_COPIES = 256
 """Episodes observed together: enough to make a call cheap, few enough to stay in the cache."""
 
-OBSERVED_STATES = 100_000
-"""Most states of episodes that are observed together, unless one has more."""
-
-COPIED_ROWS = 100_000
-"""Rows of actions that are copied together."""
+OBSERVED_STATES = 100_000  # most states of episodes that are observed together, unless one has more
+COPIED_ROWS = 100_000  # rows of actions that are copied together
 
 OBSERVED_ARRAYS = ("observations", "sent", "delivered", "ages")
 """Arrays that a reobservation computes, in the order of `Observer.allocate`."""

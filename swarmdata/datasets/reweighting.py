@@ -23,8 +23,7 @@ from swarmdata.store.arrays.scratch_arrays import new_arrays
 from swarmdata.store.table import team_returns
 from swarmdata.types import Double, Episode, Float, shortened
 
-BLOCK_ROWS = 1 << 16
-"""Steps whose rewards are computed together."""
+BLOCK_ROWS = 1 << 16  # steps whose rewards are computed together
 
 
 RewardFunction = Callable[[Episode], ArrayLike]

@@ -1,7 +1,4 @@
-"""Sampler, an endless seeded stream of transitions or masked windows, gathered at memory speed.
-
-A batch is a pure function of the seed and its number in the stream, so a sampler resumes exactly.
-"""
+"""Sampler, an endless seeded stream of transitions or masked windows, gathered at memory speed."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -148,7 +145,6 @@ def _blank_padding(batch: Batch) -> None:
 
 
 def _next_actions(actions: NDArray[Any], rows: Rows, index: Int) -> NDArray[Any]:
-    """The actions of the steps after `index`."""
     last = rows.ends.take(rows.episode.take(index)) - 1
     found = actions.take(np.minimum(index + 1, last), axis=0)
     found[index == last] = 0  # nobody acts after the end

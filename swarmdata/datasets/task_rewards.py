@@ -9,8 +9,7 @@ from swarmdata.specs.origins.origin_kinds import Origin
 from swarmdata.store import StoredDataset
 from swarmdata.types import Float
 
-N_ROWS = 1000
-"""Joint steps that are compared; `swarmdata audit` compares all, bit for bit."""
+N_ROWS = 1000  # joint steps that are compared; `swarmdata audit` compares all, bit for bit
 
 
 def has_task_rewards(stored: StoredDataset) -> bool:

@@ -24,12 +24,9 @@ def assignment_work(n: int) -> tuple[Double, Int]:
 
 @kernel
 def assign(costs: Double, work: Double, places: Int) -> float:
-    """Returns the cost of the assignment of least total cost; ties are broken deterministically.
+    """Returns the least cost of an assignment, of finite costs [n, n]; ties are deterministic.
 
-    Args:
-        costs: finite, [n, n].
-        work: overwritten, [4, n + 1]; from `assignment_work`.
-        places: written, [3, n + 1]; row 0 then holds the column of each row.
+    `assignment_work` gives the other arrays; row 0 of `places` then holds the column of each row.
     """
     n = costs.shape[0]
     work[_SHIFT], work[_LIFT] = 0.0, 0.0

@@ -17,11 +17,8 @@ from swarmdata.types import Double, Float
 
 Int32 = NDArray[np.int32]
 
-PATH_GAP = 0.015
-"""Metres of free gap that a path keeps where it can."""
-
-CLEARANCE_MARGIN = 0.15
-"""Metres beyond the largest radius up to which clearances are computed."""
+PATH_GAP = 0.015  # metres of free gap that a path keeps where it can
+CLEARANCE_MARGIN = 0.15  # metres beyond the largest radius up to which clearances are computed
 
 STRAIGHT_COST, DIAGONAL_COST = 5, 7
 """Costs of a step to the next node; 7 / 5 is within 1 % of sqrt(2)."""

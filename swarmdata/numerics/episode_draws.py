@@ -30,15 +30,9 @@ def draw_share(seed: np.uint64, field: int, robot: int) -> float:
 
 
 def draw(spec: TaskSpec, name: str, seeds: Seeds) -> Double:
-    """Returns the values of one field in some episodes.
+    """Returns the values of a field of `RANDOM_FIELDS` in the episodes `seeds`, [E].
 
-    Args:
-        spec: of the episodes; its randomization has the field.
-        name: of `RANDOM_FIELDS`.
-        seeds: of the episodes, [E].
-
-    Returns:
-        [E, N]; of fields in `TEAM_RANGES`, [E, 1].
+    They are [E, N]; of fields in `TEAM_RANGES`, [E, 1].
     """
     low, high = spec.randomization.ranges[name]
     n = 1 if name in TEAM_RANGES else spec.n_agents

@@ -20,11 +20,7 @@ _SHARES = np.array([0.5, 1.0], dtype=np.float32)
 
 
 def costs_of(events: NDArray[Any]) -> Float | None:
-    """Returns the costs of steps, [..., N, 2], or None where no events were recorded.
-
-    Args:
-        events: columns `types.EVENTS`, uint8 [..., N, 4]; [..., N, 0] without events.
-    """
+    """Returns the costs of steps, [..., N, 2], of events [..., N, 4]; None without any."""
     if not events.shape[-1]:
         return None
     return events[..., _FIRST:] * _SHARES

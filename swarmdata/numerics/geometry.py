@@ -33,8 +33,7 @@ OBSTACLE_COLUMNS = (
 )
 """Columns of a layout row: an obstacle's shape, place and size."""
 
-OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)
-"""Names of the columns of a layout row."""
+OBSTACLE = tuple(column.name for column in OBSTACLE_COLUMNS)  # names of the columns of a layout row
 
 
 @kernel(inline="always")
@@ -102,15 +101,10 @@ def nearest_of(px: float, py: float, layout: Float, m: int) -> tuple[float, floa
 
 @kernel(error_model="numpy")
 def nearest(px: float, py: float, row: Float) -> tuple[float, float, float]:
-    """Returns the distance from a point to an obstacle's surface and the vector to it.
+    """Returns the distance from a point (m) to an obstacle's surface and the vector to it.
 
-    The distance is 0 inside an obstacle. If two bars of a corner or pocket are equally near, the
-    vector leads to the first.
-
-    Args:
-        px: of the point, m.
-        py: the same.
-        row: one obstacle, columns `OBSTACLE`, [8].
+    The distance is 0 inside an obstacle, `row` [8]. If two bars of a corner or pocket are equally
+    near, the vector leads to the first.
     """
     return nearest_of_shape(px, py, row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7])
 

@@ -1,7 +1,6 @@
 """Slots of an observation by kind: the columns of each neighbor, obstacle, message and goal.
 
-Slots of one kind are a set, which policies read in any number and order. The numbers of beams,
-cells and previews say where they are, so these are read by column, as the robot's own features.
+Slots of one kind are a set; beams, cells and previews are numbered places, and read by column.
 """
 
 import re
@@ -68,9 +67,7 @@ class Slots:
     def moments(self, mean: Double, std: Double) -> tuple[Double, Double]:
         """Returns mean and deviation of each of `fields`, over the slots that hold something.
 
-        Args:
-            mean: of each column over the rows of the data, [O].
-            std: of each column, [O].
+        Given are those of each column over the rows of the data, [O].
         """
         squares = std**2 + mean**2  # empty slots are zeros: a mean is over all rows
         own = list(self.own_columns)

@@ -1,6 +1,5 @@
 """Frames in which policies observe and act: the world's, or each robot's own, turned to an anchor.
 
-Unicycles turn to their heading, whatever the others in their team turn to, and their commands stay.
 The arithmetic is elementwise float64 `+ - * /` and `sqrt`: its bits are the same everywhere.
 """
 
@@ -20,17 +19,13 @@ from swarmdata.types import Batch, Bool, Double, Float, Int
 HEARING_RANGE = 1.25
 """Distance (m) between the centres of robots at and beyond which the nearness of a sender is 0."""
 
-NOT_SENT = -1
-"""Stands for the index of a velocity that messages do not have."""
-
-NO_HEADING = -1
-"""Stands for the index of the heading in teams without unicycles."""
+NOT_SENT = -1  # stands for the index of a velocity that messages do not have
+NO_HEADING = -1  # stands for the index of the heading in teams without unicycles
 
 HEADING = "own.heading"
 """The observed direction of a unicycle; (1, 0) for the other robots of a mixed team."""
 
-TARGET = "own.goal_dx"
-"""The observed vector to a robot's own target, the anchor `target`."""
+TARGET = "own.goal_dx"  # the observed vector to a robot's own target, the anchor `target`
 
 
 @dataclass(frozen=True)

@@ -82,13 +82,7 @@ class Plans(NamedTuple):
 
 
 class Wayfinder:
-    """Adds the ways to the observations of E copies.
-
-    Args:
-        task: the task; its observations have `ways`.
-        sensed: features of the sensor and of the messages.
-        n_copies: E.
-    """
+    """Adds the ways to the observations of E copies, whose other features are `sensed`."""
 
     def __init__(self, task: Task, sensed: Sequence[Feature], n_copies: int) -> None:
         spec = task.spec
@@ -181,7 +175,6 @@ def paths_kept(n_agents: int) -> int:
 
 
 def _no_plans(task: Task, n_copies: int) -> Plans:
-    """Returns plans of no layout."""
     rows, columns = grid_shape(task.spec.arena, NODE_SPACING)
     n_obstacles, n_paths = len(task.kinds), paths_kept(task.spec.n_agents)
     shape = (n_copies, n_paths, rows * columns)

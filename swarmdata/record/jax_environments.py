@@ -192,8 +192,6 @@ def _space(space: Any, where: str) -> Space:
 
 
 class _Player:
-    """Plays whole episodes."""
-
     def __init__(self, world: _World, policy: JaxPolicy, horizon: int) -> None:
         import jax  # noqa: PLC0415  (the user's environment has it)
 

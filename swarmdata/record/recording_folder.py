@@ -1,7 +1,4 @@
-"""The folder of an unfinished recording, `<path>.recording/`, and the dataset made of it.
-
-`session.json` describes the recording. A killed process loses what is not yet in immutable parts.
-"""
+"""The folder of an unfinished recording, `<path>.recording/`, and the dataset made of it."""
 
 import re
 import shutil
@@ -203,7 +200,6 @@ def inspect_recording(path: Path | str) -> RecordingContents:
 
 
 def _dataset_path(path: Path) -> Path:
-    """Where the dataset of an unfinished recording will be."""
     if path.suffix == ".recording":
         path = path.with_suffix("")
     folder = unfinished_folder(path)

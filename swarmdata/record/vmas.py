@@ -171,7 +171,6 @@ def _flags(tensor: Any, n_copies: int) -> Bool:
 
 
 def _outcome(infos: Any, copy: int) -> Outcome:
-    """The outcome that the infos report for one copy."""
     return combine_outcomes(
         bool(_arrays(info[key])[copy].all())
         for info in (infos.values() if isinstance(infos, dict) else infos)

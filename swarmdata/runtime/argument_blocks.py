@@ -46,10 +46,6 @@ class ArgumentBlock:
     A kernel that is called with `ArgumentBlock(drive, DRIVE).packed` begins with `drive =
     unpack(packed, DRIVE)`, where `DRIVE` is `bundle_type(Drive)` of the NamedTuple `Drive`.
 
-    Args:
-        bundle: the arguments.
-        kind: the type that the kernels unpack, of `bundle_type`.
-
     Raises:
         TypeError: an argument is not of its type.
     """

@@ -21,8 +21,7 @@ from pathlib import Path
 from swarmdata.errors import BuildError, DiskFullError, ProgramError, SwarmdataError
 from swarmdata.runtime.locking import Lock, beside
 
-TEMPORARY_PREFIX = ".tmp-"
-"""Prefix of what is not published yet."""
+TEMPORARY_PREFIX = ".tmp-"  # prefix of what is not published yet
 
 LEFTOVER = re.compile(rf"{re.escape(TEMPORARY_PREFIX)}(.+)-[0-9a-f]{{32}}", re.DOTALL)
 """Names of temporary folders, with the name of what was written."""
@@ -33,8 +32,7 @@ MARKER_FILE = ".swarmdata-temporary"
 REMOVAL_ATTEMPTS, REMOVAL_PAUSE = 50, 0.1
 """How often the removal of a temporary folder is tried again, and seconds between two tries."""
 
-LOW_SPACE_BYTES = 1 << 20
-"""With fewer bytes free, a failed write is blamed on the disk."""
+LOW_SPACE_BYTES = 1 << 20  # with fewer bytes free, a failed write is blamed on the disk
 
 UNFINISHED = ".swarmdata-unfinished.json"
 """File at a mount point that lists what is being moved there."""

@@ -7,8 +7,7 @@ from platformdirs import user_cache_path
 
 from swarmdata.errors import DatasetNotFoundError
 
-MANIFEST = "manifest.json"
-"""The file in a folder that makes it a finished dataset."""
+MANIFEST = "manifest.json"  # the file in a folder that makes it a finished dataset
 
 
 def cache_folder() -> Path:

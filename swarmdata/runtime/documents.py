@@ -1,8 +1,4 @@
-"""YAML and JSON from outside, read with bounds and one kind of error, which names the place.
-
-A document has the kinds of JSON and no others: YAML's dates are text, its tags for other types and
-its merge keys are refused. Size, depth and number of values are bounded.
-"""
+"""YAML and JSON from outside, with JSON's kinds alone, bounds, and errors that name the place."""
 
 import json
 import math
@@ -13,20 +9,14 @@ from typing import Any
 from swarmdata.errors import SpecError
 from swarmdata.runtime.regular_files import read_regular
 
-MAX_YAML_BYTES = 1 << 18
-"""Of a text in YAML: reading them takes some seconds."""
+MAX_YAML_BYTES = 1 << 18  # of a text in YAML: reading them takes some seconds
 
 MAX_JSON_BYTES = 1 << 24
 """Of a text in JSON, bytes: a recipe that lists a million episodes has half of it."""
 
-MAX_DEPTH = 32
-"""Of mappings and sequences inside each other."""
-
-MAX_CONTAINERS = 400_000
-"""Mappings and sequences in a text in JSON."""
-
-MAX_DIGITS = 64
-"""Characters of a number."""
+MAX_DEPTH = 32  # of mappings and sequences inside each other
+MAX_CONTAINERS = 400_000  # mappings and sequences in a text in JSON
+MAX_DIGITS = 64  # characters of a number
 
 
 def read_document(path: Path) -> Any:

@@ -185,8 +185,7 @@ def runs_pack() -> bool:
     return all(has.get(feature) for feature in PACK_FEATURES)
 
 
-_turns: dict[str, Lock] = {}
-"""Kernels that this process compiles."""
+_turns: dict[str, Lock] = {}  # kernels that this process compiles
 
 
 def _wait_for_turn(root: Path, turn: str) -> bool:
@@ -234,8 +233,7 @@ class _Compilations(event.Listener):  # type: ignore[misc]  # numba is untyped
 event.register("numba:compile", _Compilations())
 
 
-_said: set[str] = set()
-"""Problems of the cache that this process has warned about."""
+_said: set[str] = set()  # problems of the cache that this process has warned about
 
 
 DAMAGED = (

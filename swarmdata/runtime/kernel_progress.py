@@ -6,11 +6,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
-QUIET_TIME = 3.0
-"""Seconds of compiling before anything is said."""
-
-N_MEASURED = 10
-"""Kernels that give a pace; numba's own start is a part of the time of the first."""
+QUIET_TIME = 3.0  # seconds of compiling before anything is said
+N_MEASURED = 10  # kernels that give a pace; numba's own start is a part of the time of the first
 
 _LOG = logging.getLogger("swarmdata")
 
@@ -72,5 +69,4 @@ class KernelProgress:
             self.tell = before
 
 
-PROGRESS = KernelProgress()
-"""Of this process."""
+PROGRESS = KernelProgress()  # of this process

@@ -23,15 +23,12 @@ from pathlib import Path
 
 from swarmdata.errors import BuildError
 
-PULSE = 10.0
-"""Seconds between two touches of a lock file, where the file system has no locks."""
+PULSE = 10.0  # seconds between two touches of a lock file, where the file system has no locks
 
 SILENCE = 120.0
 """Seconds without a touch after which a holder is dead there; NFS shows a touch after up to 60."""
 
-REMINDER = 10.0
-"""Seconds after which a process that waits says so, and says so again."""
-
+REMINDER = 10.0  # seconds after which a process that waits says so, and says so again
 _PAUSES = (0.01, 0.25)  # s; the first between two tries, and the longest
 
 _ATTEMPTS = 1000

@@ -1,7 +1,4 @@
-"""Pages of mapped files: given back after they have been read, so that memory stays bounded.
-
-A page counts as memory of the process from its first read on; given back, it is still cached.
-"""
+"""Pages of mapped files: given back after they have been read, so that memory stays bounded."""
 
 import mmap
 from collections.abc import Iterable
@@ -10,8 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-READ_BYTES = 32 << 20
-"""Bytes that become resident between two times that pages are given back."""
+READ_BYTES = 32 << 20  # bytes that become resident between two times that pages are given back
 
 REGION_BYTES = 2 << 20
 """Most bytes that a read of a few makes resident: a huge page, where the cache has one."""
@@ -42,9 +38,7 @@ class MappedReads:
 def take_rows(array: NDArray[Any], rows: NDArray[np.int64]) -> NDArray[Any]:
     """Returns a copy of some rows, [n, ...], of which few pages are resident at a time.
 
-    Args:
-        array: mapped or in memory.
-        rows: in any order, increasing ones fastest; none is negative or beyond the end.
+    They may be in any order, increasing ones fastest; none is negative or beyond the end.
     """
     taken = np.empty((len(rows), *array.shape[1:]), dtype=array.dtype)
     regions = rows // max(1, READ_BYTES // max(1, array[:1].nbytes))  # of the file

@@ -7,8 +7,7 @@ from functools import cache, lru_cache
 
 from threadpoolctl import LibController, ThreadpoolController
 
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-"""Parameters of mallopt(3)."""
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # parameters of mallopt(3)
 
 SIZES = (1 << 30, 1 << 25)
 """Bytes below which freed blocks are kept; older releases of glibc take 32 MiB at most."""

@@ -25,8 +25,7 @@ from swarmdata.runtime.atomic import (
 )
 from swarmdata.runtime.locking import beside, locked
 
-FORMAT_VERSION = 2
-"""Of the lists; version 1, of catalogues, named no files."""
+FORMAT_VERSION = 2  # of the lists; version 1, of catalogues, named no files
 
 
 @dataclass(frozen=True)
@@ -109,7 +108,6 @@ def listed_files(folder: Path, kind: OutputKind) -> frozenset[str]:
 
 
 def _is_inside(name: str) -> bool:
-    """Whether a name leads to a place within the folder."""
     path = PurePosixPath(name)
     return bool(path.parts) and not path.is_absolute() and ".." not in path.parts
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from swarmdata.errors import AddressError, did_you_mean
 
-MAX_ID_LENGTH = 96
-"""Longest id, version included."""
+MAX_ID_LENGTH = 96  # longest id, version included
 
 MAX_PATH_BYTES = 240
 """Most bytes of a file's path in a dataset: with a folder before it, systems allow 255."""

@@ -1,7 +1,6 @@
 """Components of users: tasks, policies, algorithms and remotes that are not in this package.
 
-They come from entry points of installed distributions and from `swarmdata.register_...`; workers of
-this process find those of modules that can be imported by `REGISTERED_VARIABLE`.
+They are entry points of installed distributions, or come from `swarmdata.register_...`.
 """
 
 import ast

@@ -18,11 +18,8 @@ from swarmdata.runtime.documents import (
     line_and_column,
 )
 
-MAX_VALUES = 20_000
-"""In a text in YAML, keys and the values that aliases repeat included."""
-
-MAX_INTEGER = (1 << 64) - 1
-"""Largest absolute value of a whole number: seeds take 64 bits."""
+MAX_VALUES = 20_000  # in a text in YAML, keys and the values that aliases repeat included
+MAX_INTEGER = (1 << 64) - 1  # largest absolute value of a whole number: seeds take 64 bits
 
 
 def parse_yaml(text: str | bytes, source: str) -> Any:

@@ -1,7 +1,4 @@
-"""The cost of a world, estimated from its spec alone, and upper limits.
-
-The estimates err on the large side: `tests/specs/test_budget.py` compares them with real worlds.
-"""
+"""The cost of a world, estimated from its spec alone, rather too high, and upper limits."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple

@@ -15,8 +15,7 @@ from swarmdata.specs.sensing_models import (
     modified,
 )
 
-MEAN_BURST = 4
-"""Steps that a burst of `bursty-<percent>` lasts on average."""
+MEAN_BURST = 4  # steps that a burst of `bursty-<percent>` lasts on average
 
 Kind = type[NoCommunication] | type[Broadcast]
 COMMUNICATION_KINDS: dict[str, Kind] = {"none": NoCommunication, "broadcast": Broadcast}
@@ -83,7 +82,6 @@ def _from_names(text: str, own: AnyCommunicationModel) -> AnyCommunicationModel:
 
 
 def _fields_of(part: str, text: str) -> dict[str, Any]:
-    """The fields that a name sets."""
     match = _PART.fullmatch(part)
     word, value = match.groups() if match else (part, None)
     if word in _ALONE:

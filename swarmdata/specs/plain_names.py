@@ -7,8 +7,7 @@ from typing import Annotated, NamedTuple
 
 from pydantic import AfterValidator, Field
 
-MAX_TEXT = 10_000
-"""Most characters in free text."""
+MAX_TEXT = 10_000  # most characters in free text
 
 _VERSION = re.compile(r"-v[0-9]+(?=@|\Z)")
 _RESERVED = re.compile(r"(?:con|prn|aux|nul|com[0-9]|lpt[0-9])(?:\..*)?", re.IGNORECASE)
@@ -86,8 +85,7 @@ FileName = Annotated[str, AfterValidator(checked_file_name)]
 Text = Annotated[str, AfterValidator(_checked_text)]
 """Free text of an author, which only people read."""
 
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
-"""SHA-256 of a file or a dataset, hex."""
+Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]  # SHA-256 of a file or a dataset, hex
 
 
 def without_version(dataset_id: str) -> str:

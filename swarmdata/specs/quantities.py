@@ -41,8 +41,5 @@ Range = Annotated[tuple[Number, Number], AfterValidator(_in_order)]
 
 Span = Range[Length]  # m
 
-Count = Annotated[int, Field(ge=1, le=10**12)]
-"""A count of at least one; `budget` limits it."""
-
-CountOrNone = Annotated[int, Field(ge=0, le=10**12)]
-"""A count that may be zero; `budget` limits it."""
+Count = Annotated[int, Field(ge=1, le=10**12)]  # a count of at least one; `budget` limits it
+CountOrNone = Annotated[int, Field(ge=0, le=10**12)]  # a count that may be zero; `budget` limits it

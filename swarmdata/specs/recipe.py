@@ -1,7 +1,4 @@
-"""Recipe, everything that determines a generated dataset: task, policies, seeds, splits.
-
-Equal recipes give equal datasets.
-"""
+"""Recipe, everything that determines a generated dataset: task, policies, seeds, splits."""
 
 from collections.abc import Iterable, Iterator
 from itertools import chain
@@ -15,8 +12,7 @@ from swarmdata.specs.plain_names import FileName, Label, Sha256, Text, repeated
 from swarmdata.specs.quantities import Count, Deviation
 from swarmdata.specs.task_spec import TaskSpec
 
-MOST_POLICIES = 256
-"""Most policies of a dataset: their indices are bytes."""
+MOST_POLICIES = 256  # most policies of a dataset: their indices are bytes
 
 Id = Annotated[str, Field(pattern=r"^[a-z0-9_]+(-[a-z0-9_]+)+-v[0-9]+$", max_length=96)]
 """Id of a dataset: words joined by -, and the version."""

@@ -1,7 +1,4 @@
-"""The part of a spec that only one task has: what all rules share, and where each task's are.
-
-Lengths are metres, times seconds, speeds metres per second, angles radians.
-"""
+"""The part of a spec that only one task has: what all rules share, and where each task's are."""
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
@@ -50,6 +47,16 @@ class Rewards(Frozen):
     obstacle_collision: Weight = 1.0  # per contact with an obstacle or wall that begins
     proximity: Weight = 0.05  # per step, times how deep in the last 0.1 m before contact
     team_share: Probability = 0.0  # part of each reward that is the mean over the team, or side
+
+
+class CrowdedRewards(Rewards):
+    """The same where robots that meet in an aisle or at a target cannot keep 0.1 m apart."""
+
+    robot_contact: Weight = 0.2
+    obstacle_contact: Weight = 0.2
+    robot_collision: Weight = 0.5
+    obstacle_collision: Weight = 0.5
+    proximity: Weight = 0.005
 
 
 def changed_weights(weights: Rewards, changes: Mapping[str, float | str]) -> Rewards:

@@ -1,7 +1,6 @@
 """Spaces of foreign environments as frozen data, and how their values become rows of numbers.
 
-A box gives its values in C order, a discrete space one column with the value, a dictionary its
-entries in the order of their sorted keys.
+Columns are a box's in C order, one of a discrete space, a dictionary's by sorted keys.
 """
 
 import math
@@ -72,8 +71,7 @@ Space = Annotated[
     Field(discriminator="kind"),
 ]
 
-LARGEST_EXACT_INTEGER = 1 << 24
-"""The largest whole number up to which all are exact in float32."""
+LARGEST_EXACT_INTEGER = 1 << 24  # the largest whole number up to which all are exact in float32
 
 
 def width(space: Space) -> int:

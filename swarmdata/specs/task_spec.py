@@ -1,7 +1,4 @@
-"""TaskSpec, a whole problem as frozen data: equal specs give equal worlds.
-
-Lengths are metres, times seconds, speeds metres per second, angles radians.
-"""
+"""TaskSpec, a whole problem as frozen data, in SI units: equal specs give equal worlds."""
 
 from collections.abc import Callable, Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args

@@ -1,7 +1,6 @@
-"""The on-disk format: parts, assembly into a dataset's folder, and checked memory maps of it.
+"""The on-disk format, without zarr: parts, assembly into a dataset, and checked memory maps of it.
 
-`zarr.open` reads the same bits; nothing here imports zarr, neither to read nor to write. Only what
-readers need is named here: what writes datasets has modules of its own.
+Only what readers need is named here.
 """
 
 from swarmdata.runtime.atomic import remove_leftovers, write_file

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-from swarmdata.errors import BuildError, DatasetError, RecipeConflictError, SchemaError
+from swarmdata.errors import BuildError, DatasetError, SchemaError
 from swarmdata.runtime.atomic import is_vacant, new_folder
 from swarmdata.runtime.own_components import package_of
 from swarmdata.specs.origins import Origin
@@ -35,7 +35,14 @@ from swarmdata.store.arrays.layout import (
 )
 from swarmdata.store.arrays.running_moments import RunningMoments
 from swarmdata.store.arrays.shards import create_metadata, file_digest, write_shard
-from swarmdata.store.manifest import FileEntry, Manifest, StatisticsEntry, read_manifest
+from swarmdata.store.manifest import (
+    FileEntry,
+    MadeFrom,
+    Manifest,
+    StatisticsEntry,
+    check_recipe,
+    read_manifest,
+)
 from swarmdata.store.parts import (
     episode_slices,
     optional_fields,
@@ -158,11 +165,7 @@ def _existing(out: Path, recipe: Origin) -> Manifest:
         manifest = read_manifest(out)
     except DatasetError as error:
         raise BuildError(f"{out} exists and is not a finished dataset: {error}") from error
-    if manifest.recipe_hash != recipe.hash():
-        raise RecipeConflictError(
-            f"{out} holds a dataset of recipe {manifest.recipe_hash[:12]} ({manifest.id}), got "
-            f"recipe {recipe.hash()[:12]} ({recipe.id}). Choose another folder, or move it away."
-        )
+    check_recipe(out, manifest, MadeFrom(recipe.id, recipe.hash()))
     return manifest
 
 

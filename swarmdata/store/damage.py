@@ -28,8 +28,7 @@ from swarmdata.store.manifest import (
 from swarmdata.store.recognition import is_dataset, no_dataset, no_folder
 from swarmdata.store.stored_dataset import blocking_links, check_listing, map_checked, open_store
 
-BLOCK_BYTES = 16 << 20
-"""Bytes that are hashed together."""
+BLOCK_BYTES = 16 << 20  # bytes that are hashed together
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +90,6 @@ def _contents(path: Path, links: set[str]) -> list[Damage]:
 
 
 def _of_file(path: Path, manifest: Manifest, file: str) -> Damage | None:
-    """Compares one file with its entry."""
     expected, target = manifest.files[file], path / file
     try:
         if not target.is_file():

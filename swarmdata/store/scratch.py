@@ -8,8 +8,7 @@ from pathlib import Path
 from swarmdata.errors import DatasetError
 from swarmdata.runtime.locking import beside
 
-SCRATCH_PREFIX = ".swarmdata-"
-"""Of the names of scratch folders."""
+SCRATCH_PREFIX = ".swarmdata-"  # of the names of scratch folders
 
 
 def scratch_folder(path: Path, purpose: str) -> Path:

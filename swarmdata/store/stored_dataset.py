@@ -246,7 +246,6 @@ def _check_files(path: Path, manifest: Manifest) -> None:
 
 
 def _check_sizes(path: Path, manifest: Manifest) -> None:
-    """Checks that every listed file is there and has its size."""
     for file, entry in sorted(manifest.files.items()):
         try:
             found = os.stat(os.path.join(path, file))  # noqa: PTH116, PTH118 (a part of every load)

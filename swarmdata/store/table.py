@@ -20,8 +20,7 @@ from swarmdata.types import (
     Seeds,
 )
 
-SPLITS = ("train", "validation", "test")
-"""Splits by code."""
+SPLITS = ("train", "validation", "test")  # splits by code
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +132,7 @@ PART_COLUMNS = np.dtype(
 """Row of a part's episode table."""
 
 
-PartTable = NDArray[np.void]
-"""The episodes of one part, [n], with `PART_COLUMNS`."""
+PartTable = NDArray[np.void]  # the episodes of one part, [n], with `PART_COLUMNS`
 
 
 def n_steps_of(*tables: PartTable) -> int:

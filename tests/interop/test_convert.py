@@ -54,7 +54,7 @@ def test_answers_about_an_export_are_refused(source: Path, tmp_path: Path) -> No
 
 
 def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Path) -> None:
-    with pytest.raises(RecipeConflictError, match="holds a dataset of recipe"):
+    with pytest.raises(RecipeConflictError, match="made from another recipe"):
         import_dataset(source, ours.path, format="d4rl", id="coop_nav-back-v0")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes").write_text("mine")

@@ -30,8 +30,7 @@ from swarmdata.specs.sensing_models import Broadcast
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import NEVER_RECEIVED, Bool, Counts, Double, Float, Int, Seeds, Step
 
-MAX_AGE = NEVER_RECEIVED - 1
-"""Largest age that is counted."""
+MAX_AGE = NEVER_RECEIVED - 1  # largest age that is counted
 
 Memory = tuple[Float, Bool, Float, Counts, Counts]
 """The memory of a channel: messages [E, D+1, N, P] and links [E, D+1, N, N] in transit, rings over
@@ -54,10 +53,6 @@ class Channel:
     A robot sends its own measured state, with the noise and delay of its sensors, and takes
     received positions relative to the same. Messages are a function of the episode's seed, states
     and actions. `Step.delivered` marks the step of arrival; `Step.ages` counts from the sending.
-
-    Args:
-        spec: its communication is a `Broadcast`.
-        n_copies: E.
     """
 
     message_size: int

@@ -1,7 +1,6 @@
 """Selection of the messages of one step: topology, range, bandwidth, collisions, drops.
 
-A link is an ordered pair (receiver, sender). Every random number is a function of the episode's
-seed, the step, a purpose, the sender and the receiver, so that no link depends on another's luck.
+A link is a pair (receiver, sender); its random numbers depend on no other link.
 """
 
 import math
@@ -12,16 +11,14 @@ from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.state_layout import N_COLUMNS, X, Y
 from swarmdata.types import Bool, Counts, Double, Float, Int
 
-FULL, NEAREST, RING, STAR = range(4)
-"""Codes of `TOPOLOGIES`."""
+FULL, NEAREST, RING, STAR = range(4)  # codes of `TOPOLOGIES`
 
 TOPOLOGIES = {"full": FULL, "nearest": NEAREST, "ring": RING, "star": STAR}
 
 GOOD, BAD, NOT_DRAWN = range(3)
 """States of a link with bursts; the last one before the first step of an episode."""
 
-DROP, BURST, TIME_SLOT = range(3)
-"""Purposes of random numbers."""
+DROP, BURST, TIME_SLOT = range(3)  # purposes of random numbers
 
 _CHANNEL_STREAM = STREAMS["channel"]
 

@@ -24,8 +24,7 @@ PAYLOAD_COLUMNS = {
 }
 """Columns that each payload carries, from the sender's first one on, two for each vector."""
 
-POSITIONS = (X, Y, TX, TY, NEXT + TX, NEXT + TY)
-"""The columns that are positions in the world."""
+POSITIONS = (X, Y, TX, TY, NEXT + TX, NEXT + TY)  # the columns that are positions in the world
 
 _FROM_OWN = "the sender's position when it sent, minus the own now, both as measured"
 
@@ -47,8 +46,7 @@ VECTOR_FEATURES = {
 }
 """Features of the vector that starts at a column."""
 
-AGE_LIMIT = 20
-"""Age (steps) at and above which the feature `age` is 1."""
+AGE_LIMIT = 20  # age (steps) at and above which the feature `age` is 1
 
 TRAILER_FEATURES = (
     Feature("age", "flag", "", "steps since it was sent / 20, at most 1"),

@@ -1,11 +1,9 @@
 """The `bearing` model: ranges and bearings of the neighbours that are visible to a robot.
 
-A neighbour is visible if the segment between the two centres crosses no obstacle, no movable body
-and no third robot. Arithmetic as in `geometry`.
+Visible: the segment between the centres crosses no obstacle, movable body or third robot.
 """
 
 import math
-from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -16,11 +14,12 @@ from swarmdata.perception.sensing.modifiers import NO_ECHOES
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
     POLAR_FEATURES,
+    SCENE,
     Scene,
     gather,
     write_polar,
 )
-from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
+from swarmdata.runtime.argument_blocks import ArgumentBlock, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered, vector
 from swarmdata.specs.sensing_models import BearingModel
@@ -35,35 +34,13 @@ NEIGHBOR_FEATURES = (
 _SLOT_WIDTH = len(NEIGHBOR_FEATURES)
 
 
-class BearingConstants(NamedTuple):
-    """What `observe_bearings` needs besides the world."""
-
-    radii: Annotated[Double, 1]  # [N] m
-    ranges: Annotated[Double, 1]  # [N] m, of the robots' sensors
-    bodies: Annotated[Double, 2]  # [K, 3] movable bodies, as in `Scene`
-    n_slots: int
-    span: float  # m, the model's range
-    diagonal: float  # m, of the arena
-
-
-BEARING_CONSTANTS = bundle_type(BearingConstants)
-
-
 def bearing_sense(model: BearingModel, scene: Scene) -> Sense:
     """Features: `POLAR_FEATURES`, then a slot of `NEIGHBOR_FEATURES` for each visible neighbour.
 
     The nearest centre is first, as measured; a slot without a neighbour is zero.
     """
     slots = numbered("neighbor", model.n_neighbors, NEIGHBOR_FEATURES)
-    constants = BearingConstants(
-        radii=scene.radii,
-        ranges=np.minimum(scene.ranges, model.range),
-        bodies=scene.bodies,
-        n_slots=model.n_neighbors,
-        span=model.range,
-        diagonal=scene.diagonal,
-    )
-    block = ArgumentBlock(constants, BEARING_CONSTANTS)
+    block = ArgumentBlock(scene._replace(n_parts=model.n_neighbors, span=model.range), SCENE)
 
     def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_bearings(
@@ -120,7 +97,6 @@ def _sort_by_distance(state: Float, i: int, n_agents: int, reach: float, order: 
 
 @kernel
 def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: float) -> None:
-    """Fills one slot of robot i with robot j."""
     at = N_COLUMNS * i
     dx = float(state[N_COLUMNS * j + X]) - float(state[at + X])
     dy = float(state[N_COLUMNS * j + Y]) - float(state[at + Y])
@@ -134,7 +110,7 @@ def _write_slot(o: Float, state: Float, i: int, j: int, distance: float, span: f
 
 @kernel
 def observe_bearings(
-    packed: Int,  # `BearingConstants`, of an `ArgumentBlock`
+    packed: Int,  # `Scene`, of an `ArgumentBlock`
     states: Float,  # [E, S] true ones, which decide who is hidden
     layouts: Float,  # [E, M, 8] true obstacles
     measured: Float,  # [E, S] states as measured; a robot that was missed is at NaN
@@ -144,8 +120,9 @@ def observe_bearings(
     out: Float,  # [E, N, F] written
 ) -> None:
     """Writes the `bearing` observation of some robots in every active copy."""
-    radii, ranges, bodies, n_slots, span, diagonal = unpack(packed, BEARING_CONSTANTS)
-    n_agents, n_rows = radii.shape[0], layouts.shape[1] + bodies.shape[0]
+    scene = unpack(packed, SCENE)
+    n_agents, radii, bodies, span = scene.n_agents, scene.radii, scene.bodies, scene.span
+    n_rows = layouts.shape[1] + bodies.shape[0]
     rows, sizes, order = np.empty((n_rows, 8)), np.empty(n_rows), np.empty((n_agents, 2))
     for b in range(states.shape[0]):
         if not active[b]:
@@ -154,12 +131,12 @@ def observe_bearings(
         gather(state, layouts[b], n_agents, bodies, rows, sizes)
         for i in range(first_robot, end_robot):
             o = out[b, i]
-            write_polar(o, known, i, diagonal)
-            o[N_POLAR : N_POLAR + _SLOT_WIDTH * n_slots] = 0.0
-            slot = 0
-            for nth in range(_sort_by_distance(known, i, n_agents, ranges[i], order)):
+            write_polar(o, known, i, scene.diagonal)
+            o[N_POLAR : N_POLAR + _SLOT_WIDTH * scene.n_parts] = 0.0
+            slot, reach = 0, min(scene.ranges[i], span)
+            for nth in range(_sort_by_distance(known, i, n_agents, reach, order)):
                 j = int(order[nth, 1])
-                if slot < n_slots and not _hidden(state, i, j, radii, rows, sizes):
+                if slot < scene.n_parts and not _hidden(state, i, j, radii, rows, sizes):
                     first = N_POLAR + _SLOT_WIDTH * slot
                     _write_slot(o[first:], known, i, j, order[nth, 0], span)
                     slot += 1

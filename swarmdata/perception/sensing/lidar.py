@@ -6,7 +6,6 @@ the same everywhere, since nothing is contracted or reordered.
 """
 
 import math
-from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -16,19 +15,19 @@ from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
     POLAR_FEATURES,
+    SCENE,
     Scene,
     gather,
     write_polar,
 )
-from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
+from swarmdata.runtime.argument_blocks import ArgumentBlock, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, X, Y
 from swarmdata.types import Bool, Double, Float, Int
 
-N_LANES = 16
-"""Rays of a block."""
+N_LANES = 16  # rays of a block
 
 _COS, _SIN, _INV_X, _INV_Y, _BEST, _HIT = (N_LANES * row for row in range(6))
 _ZERO, _ONE, _TINY = np.float32(0), np.float32(1), np.float32(1e-9)
@@ -36,22 +35,6 @@ _NOTHING, _ROBOT, _OBSTACLE, _WALL, _PAYLOAD = (np.float32(code) for code in ran
 
 HIT_CHANNELS = ("robot", "obstacle", "wall", "payload")
 """Channels of a beam's hit type; the last only in tasks with movable bodies."""
-
-
-class LidarConstants(NamedTuple):
-    """What `scan` needs besides the world."""
-
-    radii: Annotated[Double, 1]  # [N] m
-    ranges: Annotated[Double, 1]  # [N] m, of each robot's own sensors
-    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
-    bodies: Annotated[Double, 2]  # [K, 3] movable bodies, as in `Scene`
-    rays: Annotated[Float, 3]  # [blocks, 2, N_LANES] from `ray_blocks`
-    n_rays: int
-    span: float  # m, the model's range
-    diagonal: float  # m, of the arena
-
-
-LIDAR_CONSTANTS = bundle_type(LidarConstants)
 
 
 def lidar_sense(model: LidarModel, scene: Scene) -> Sense:
@@ -66,17 +49,8 @@ def lidar_sense(model: LidarModel, scene: Scene) -> Sense:
         *(Feature(name, "flag", "", f"1 if the beam hits: {name}") for name in channels),
     )
     features = (*POLAR_FEATURES, *numbered("beam", model.n_rays, beam))
-    constants = LidarConstants(
-        radii=scene.radii,
-        ranges=scene.ranges,
-        half=scene.half,
-        bodies=scene.bodies,
-        rays=ray_blocks(model.n_rays),
-        n_rays=model.n_rays,
-        span=model.range,
-        diagonal=scene.diagonal,
-    )
-    block = ArgumentBlock(constants, LIDAR_CONSTANTS)
+    rays = ray_blocks(model.n_rays)
+    block = ArgumentBlock(scene._replace(n_parts=model.n_rays, span=model.range, rays=rays), SCENE)
 
     def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         scan(
@@ -228,7 +202,7 @@ def _write(lanes: Float, out: Float, n_rays: int, n_channels: int, scale: np.flo
 
 @kernel(error_model="numpy")
 def scan(
-    packed: Int,  # `LidarConstants`, of an `ArgumentBlock`
+    packed: Int,  # `Scene`, of an `ArgumentBlock`
     states: Float,  # [E, S] true ones, which the beams meet
     layouts: Float,  # [E, M, 8] true obstacles
     measured: Float,  # [E, S] states as measured, for velocity and target
@@ -238,8 +212,8 @@ def scan(
     out: Float,  # [E, N, F] written
 ) -> None:
     """Writes the `lidar` observation of some robots in every active copy."""
-    radii, ranges, half, bodies, rays, n_rays, span, diagonal = unpack(packed, LIDAR_CONSTANTS)
-    n_agents, n_obstacles, n_bodies = radii.shape[0], layouts.shape[1], bodies.shape[0]
+    n_agents, radii, ranges, half, diagonal, bodies, _, n_rays, span, rays = unpack(packed, SCENE)
+    n_obstacles, n_bodies = layouts.shape[1], bodies.shape[0]
     n_channels = 4 if n_bodies > 0 else 3
     rows = np.empty((n_obstacles + n_bodies, 8))
     sizes = np.empty(n_obstacles + n_bodies)

@@ -143,7 +143,6 @@ def _noise_range(spec: TaskSpec) -> tuple[Noise, float]:
 
 @kernel(inline="always")
 def _noise_of(seed: np.uint64, robot: int, survey: Survey) -> Noise:
-    """The deviations of one robot's measurements in an episode."""
     more, least = survey.spread * draw_share(seed, NOISE_FIELD, robot), survey.noise
     return Noise(
         least.position + more, least.velocity + more, least.direction + more, least.range + more

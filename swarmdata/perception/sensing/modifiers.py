@@ -1,7 +1,4 @@
-"""Frame modifiers: delay, stacking, and noise and losses of echoes.
-
-An echo is one beam of a lidar or one cell of a grid; `measured_world` has those of whole objects.
-"""
+"""Frame modifiers: delay, stacking, and noise and losses of echoes (lidar beams, grid cells)."""
 
 import itertools
 import math
@@ -22,8 +19,7 @@ _SENSOR_STREAM = STREAMS["sensor"]
 _NOISE, _LOSS = 0, 1
 """Last counter but one of each draw; the last is the index of the feature, or of the echo."""
 
-NO_ECHOES = np.zeros((0, 2), dtype=np.int64)
-"""The echoes of models that measure objects."""
+NO_ECHOES = np.zeros((0, 2), dtype=np.int64)  # the echoes of models that measure objects
 
 
 def echoes_of(features: Sequence[Feature]) -> Int:
@@ -40,11 +36,7 @@ def echoes_of(features: Sequence[Feature]) -> Int:
 class Echoes:
     """Adds noise to the distances of echoes, in [0, 1]; a lost echo reads as if it hit nothing.
 
-    Args:
-        features: of a model's kind.
-        echoes: from `echoes_of`.
-        model: its noise and dropout.
-        drawn: range of the noise, if episodes draw it, m.
+    `echoes` are those of `echoes_of`, `drawn` is the range (m) of noise that episodes draw.
     """
 
     def __init__(
@@ -77,12 +69,7 @@ class Echoes:
 class History:
     """Keeps the last frames of each copy and returns those from `delay` steps ago, newest first.
 
-    Frames from before an episode's first frame are copies of that frame.
-
-    Args:
-        shape: of a frame, (E, N, F).
-        delay: age of the newest frame that is returned, steps.
-        stack: number of frames that are returned.
+    Frames, [E, N, F], from before an episode's first one are copies of it; `stack` are returned.
     """
 
     def __init__(self, shape: tuple[int, int, int], delay: int, stack: int = 1) -> None:

@@ -1,7 +1,7 @@
 """The `occupancy` model: a coarse grid in the body's frame, and the target in polar form."""
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,11 +11,12 @@ from swarmdata.perception.sensing.modifiers import echoes_of
 from swarmdata.perception.sensing.sensed_scene import (
     N_POLAR,
     POLAR_FEATURES,
+    SCENE,
     Scene,
     gather,
     write_polar,
 )
-from swarmdata.runtime.argument_blocks import ArgumentBlock, bundle_type, unpack
+from swarmdata.runtime.argument_blocks import ArgumentBlock, unpack
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, numbered
 from swarmdata.specs.sensing_models import OccupancyModel
@@ -25,8 +26,7 @@ from swarmdata.types import Bool, Double, Float, Int
 CELL_CHANNELS = ("robot", "static", "payload")
 """Flags of each cell; the last only in tasks with movable bodies."""
 
-Pose = tuple[float, float, float, float]
-"""Position, m, and heading, a unit vector."""
+Pose = tuple[float, float, float, float]  # position, m, and heading, a unit vector
 
 
 class Grid(NamedTuple):
@@ -35,21 +35,6 @@ class Grid(NamedTuple):
     cells: int  # in each direction
     size: float  # m, of a cell
     n_channels: int
-
-
-class OccupancyConstants(NamedTuple):
-    """What `observe_grids` needs besides the world."""
-
-    radii: Annotated[Double, 1]  # [N] m
-    ranges: Annotated[Double, 1]  # [N] m, of the robots' sensors
-    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
-    bodies: Annotated[Double, 2]  # [K, 3] movable bodies, as in `Scene`
-    n_cells: int  # in each direction
-    cell_size: float  # m
-    diagonal: float  # m, of the arena
-
-
-OCCUPANCY_CONSTANTS = bundle_type(OccupancyConstants)
 
 
 def occupancy_sense(model: OccupancyModel, scene: Scene) -> Sense:
@@ -65,16 +50,7 @@ def occupancy_sense(model: OccupancyModel, scene: Scene) -> Sense:
     channels = CELL_CHANNELS if len(scene.bodies) else CELL_CHANNELS[:2]
     flags = (Feature(name, "flag", "", f"1 if the cell holds: {name}") for name in channels)
     features = (*POLAR_FEATURES, *numbered("cell", model.cells * model.cells, flags))
-    constants = OccupancyConstants(
-        radii=scene.radii,
-        ranges=scene.ranges,
-        half=scene.half,
-        bodies=scene.bodies,
-        n_cells=model.cells,
-        cell_size=model.cell_size,
-        diagonal=scene.diagonal,
-    )
-    block = ArgumentBlock(constants, OCCUPANCY_CONSTANTS)
+    block = ArgumentBlock(scene._replace(n_parts=model.cells, span=model.cell_size), SCENE)
 
     def sense(world: World, robots: range, active: Bool, out: Float) -> None:
         observe_grids(
@@ -136,7 +112,6 @@ def _mark_row(
 
 @kernel
 def _mark_outside(flags: Float, half: Double, pose: Pose, span: float, grid: Grid) -> None:
-    """Flags the cells outside the arena."""
     px, py, ux, uy = pose
     size, middle = grid.size, (grid.cells - 1) / 2
     for row in range(grid.cells):
@@ -150,7 +125,7 @@ def _mark_outside(flags: Float, half: Double, pose: Pose, span: float, grid: Gri
 
 @kernel
 def observe_grids(
-    packed: Int,  # `OccupancyConstants`, of an `ArgumentBlock`
+    packed: Int,  # `Scene`, of an `ArgumentBlock`
     states: Float,  # [E, S] as measured
     layouts: Float,  # [E, M, 8] obstacles as measured
     poses: Float,  # [E, >= 8 N] robots as measured, from which the arena's walls are seen
@@ -160,8 +135,10 @@ def observe_grids(
     out: Float,  # [E, N, F] written
 ) -> None:
     """Writes the `occupancy` observation of some robots in every active copy."""
-    radii, ranges, half, bodies, n_cells, cell_size, diagonal = unpack(packed, OCCUPANCY_CONSTANTS)
-    n_agents, n_obstacles, n_bodies = radii.shape[0], layouts.shape[1], bodies.shape[0]
+    n_agents, radii, ranges, half, diagonal, bodies, _, n_cells, cell_size, _rays = unpack(
+        packed, SCENE
+    )
+    n_obstacles, n_bodies = layouts.shape[1], bodies.shape[0]
     n_rows = n_obstacles + n_bodies
     grid = Grid(n_cells, cell_size, 3 if n_bodies > 0 else 2)
     n_flags, half_cell = grid.cells * grid.cells * grid.n_channels, grid.size / 2

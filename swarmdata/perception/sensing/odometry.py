@@ -27,8 +27,7 @@ from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
 _STREAM = STREAMS["odometry"]
 
-_POSE = 4
-"""Columns of a pose: x, y, and a direction."""
+_POSE = 4  # columns of a pose: x, y, and a direction
 
 
 class Rates(NamedTuple):
@@ -84,7 +83,6 @@ class Odometry:
 
 @kernel(inline="always")
 def _sees_landmark(x: float, y: float, rates: Rates) -> bool:
-    """Whether a landmark is in range of (x, y)."""
     for m in range(rates.landmarks.shape[0]):
         dx, dy = rates.landmarks[m, 0] - x, rates.landmarks[m, 1] - y
         if dx * dx + dy * dy <= rates.reach * rates.reach:

@@ -12,14 +12,9 @@ _BEAM_DISTANCE = re.compile(r"beam_(\d+)\.distance")  # not of older frames: the
 
 
 def scan_of(features: Sequence[Feature], observations: Float) -> Float | None:
-    """Returns the distances that the robots' beams measured, as shares of the lidar's range.
+    """Returns the distances of beams in observations [..., N, O], as shares of the lidar's range.
 
-    Args:
-        features: of one robot's observation, O.
-        observations: [..., N, O].
-
-    Returns:
-        [..., N, K], the first beam along the heading, then counter-clockwise; None without beams.
+    They are [..., N, K], the first beam along the heading, then counter-clockwise; None without.
     """
     columns = [k for k, feature in enumerate(features) if _BEAM_DISTANCE.fullmatch(feature.name)]
     return observations[..., np.array(columns)] if columns else None

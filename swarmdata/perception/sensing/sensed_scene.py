@@ -1,13 +1,13 @@
 """The constants of a task that all sensors share, and the features of every body-frame model."""
 
 import math
-from dataclasses import dataclass
-from typing import Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 
 from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import BOX, CIRCLE, bounding_radius
+from swarmdata.runtime.argument_blocks import bundle_type
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature, telling_goals, vector
 from swarmdata.specs.state_layout import BODY, N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
@@ -15,8 +15,7 @@ from swarmdata.types import Double, Float
 
 N_BODY = len(BODY)
 
-TARGET_NEAR = 0.01
-"""Distance (m) within which a target has no bearing."""
+TARGET_NEAR = 0.01  # distance (m) within which a target has no bearing
 
 _DISTANCE_MEANING = "distance of the target / diagonal of the arena"
 _BEARING_MEANING = "cosine and sine of the target's bearing; (0, 0) within 1 cm of it"
@@ -35,17 +34,19 @@ POLAR_FEATURES = (
 N_POLAR = len(POLAR_FEATURES)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Scene:
-    """Constants of one task that all sensors share."""
+class Scene(NamedTuple):
+    """Constants of a task for the kernels of its sensor, which get an `ArgumentBlock` of them."""
 
     n_agents: int
-    radii: Double  # [N] m
-    ranges: Double  # [N] m, of each robot's own sensors; infinite if only the model limits them
-    half: Double  # [2] half width and half height of the arena, m
+    radii: Annotated[Double, 1]  # [N] m
+    ranges: Annotated[Double, 1]  # [N] m, of each robot's sensors; infinite: the model's alone
+    half: Annotated[Double, 1]  # [2] half width and half height of the arena, m
     diagonal: float  # of the arena, m
-    bodies: Double  # [K, 3] movable bodies: shape code, half length, half width, m
+    bodies: Annotated[Double, 2]  # [K, 3] movable bodies: shape code, half length, half width, m
     has_headings: bool  # whether any robot is a unicycle
+    n_parts: int = 0  # rays, slots of neighbours, or cells in each direction
+    span: float = 0.0  # m, the model's range, or the side of a cell
+    rays: Annotated[Float, 3] = np.zeros((0, 2, 0), dtype=np.float32)  # `lidar.ray_blocks`
 
     @classmethod
     def of(cls, task: Task) -> Self:
@@ -64,6 +65,9 @@ class Scene:
             bodies=np.array(bodies, dtype=np.float64).reshape(-1, 3),
             has_headings=any(robot.dynamics == "unicycle" for robot in robots),
         )
+
+
+SCENE = bundle_type(Scene)
 
 
 @kernel

@@ -38,8 +38,7 @@ OWN_FEATURES = (
     ),
 )
 
-PLACE_FEATURES = OWN_FEATURES[:2]
-"""Those that the body's frame has not."""
+PLACE_FEATURES = OWN_FEATURES[:2]  # those that the body's frame has not
 
 HEADING_FEATURES = vector("own.heading", "direction", "own heading")
 """Follows `OWN_FEATURES` in teams with a unicycle; (1, 0) in the body's frame."""
@@ -62,8 +61,7 @@ OBSTACLE_FEATURES = (
     Feature("mask", "flag", meaning="1 if the slot holds an obstacle; nearest first"),
 )
 
-GOAL_NEAR = 0.3
-"""Distance (m) below which the goal direction shrinks linearly to zero."""
+GOAL_NEAR = 0.3  # distance (m) below which the goal direction shrinks linearly to zero
 
 _FIRST_TEST_SLACK = 1e-4
 """Share, and metres, by which a first, cheap test is too wide, so that it keeps all that count."""

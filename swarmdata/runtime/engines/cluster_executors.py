@@ -9,8 +9,7 @@ from typing import Any
 from swarmdata.errors import EngineError
 from swarmdata.runtime.extras import require_extra
 
-CONNECT_SECONDS = 60
-"""How long to wait for the scheduler, also for one that is started again."""
+CONNECT_SECONDS = 60  # how long to wait for the scheduler, also for one that is started again
 
 
 class DaskExecutor(Executor):

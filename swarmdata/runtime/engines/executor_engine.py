@@ -1,7 +1,4 @@
-"""The engine over any `concurrent.futures.Executor`; lost jobs are submitted again.
-
-Its processes need the same versions of all packages, and the folders that jobs name.
-"""
+"""The engine over any `concurrent.futures.Executor`; lost jobs are submitted again."""
 
 import threading
 from collections import Counter, deque
@@ -20,11 +17,8 @@ from swarmdata.runtime.engines.jobs import (
     stop_at_failure,
 )
 
-MAX_SUBMITTED = 1_000
-"""Jobs that an executor holds at once."""
-
-SHUTDOWN_SECONDS = 10
-"""An executor that does not end in this time is left to itself."""
+MAX_SUBMITTED = 1_000  # jobs that an executor holds at once
+SHUTDOWN_SECONDS = 10  # an executor that does not end in this time is left to itself
 
 
 @dataclass

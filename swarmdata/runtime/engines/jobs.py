@@ -1,7 +1,4 @@
-"""Jobs: pieces of work that any process may do, described by JSON values.
-
-Its result is what it leaves in files, written in one rename: doing it twice is doing it once.
-"""
+"""Jobs, JSON values that any process can do; doing one twice leaves the files of doing it once."""
 
 import os
 import threading
@@ -21,8 +18,7 @@ THREAD_VARIABLES = (
 )
 """Environment variables that are 1 in processes that do jobs: each job has one core."""
 
-MAX_ATTEMPTS = 3
-"""How often a job is begun at most, when the processes that do it are lost."""
+MAX_ATTEMPTS = 3  # how often a job is begun at most, when the processes that do it are lost
 
 
 def usable_cores() -> int:
@@ -35,8 +31,7 @@ def usable_cores() -> int:
 Report = Callable[[int], None]
 """Gets the progress since its last call; negative when a lost job starts again."""
 
-Handler = Callable[[dict[str, Any], Report], None]
-"""Does a job, given its payload."""
+Handler = Callable[[dict[str, Any], Report], None]  # does a job, given its payload
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ LOCAL = "local"
 Engine = Crew | ExecutorEngine
 """Does jobs of one kind in several processes; a context manager, which ends them."""
 
-SLURM_MINUTES = 60
-"""Length of a SLURM job, unless the engine's name says another."""
+SLURM_MINUTES = 60  # length of a SLURM job, unless the engine's name says another
 
 FORMS = "local, dask://HOST:PORT, slurm[:PARTITION][?minutes=60], ray or ray://HOST:PORT"
 

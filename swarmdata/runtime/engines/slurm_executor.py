@@ -18,8 +18,7 @@ from swarmdata.errors import EngineError
 from swarmdata.runtime.engines.jobs import THREAD_VARIABLES
 from swarmdata.runtime.extras import require_extra
 
-POLL_SECONDS = 1.0
-"""Between two looks at the jobs."""
+POLL_SECONDS = 1.0  # between two looks at the jobs
 
 RESULT_SECONDS = 20.0
 """After a job has left the queue, how long its result may take to appear on the file system."""

@@ -1,7 +1,4 @@
-"""Where datasets come from and what was recorded in them; `origin_kinds` and `spec_kinds` list all.
-
-The store, cards, audits and exports ask the protocol `Origin`, which every kind keeps.
-"""
+"""Where datasets come from and what was recorded in them: the protocols `Origin` and `Spec`."""
 
 from swarmdata.specs.origins.origin_kinds import (
     ORIGIN_KINDS,

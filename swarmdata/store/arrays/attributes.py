@@ -1,7 +1,4 @@
-"""The Zarr attributes of every array: what it and its columns mean, for who has Zarr only.
-
-They are a pure function of the origin and of the arrays' shapes, and in no logical digest.
-"""
+"""The Zarr attributes of every array: what it and its columns mean, for who has Zarr only."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any

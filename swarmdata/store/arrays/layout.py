@@ -31,17 +31,13 @@ REFERENCES = "references.json"
 CHECKPOINTS = "checkpoints"
 """Folder of the networks that a recipe names and the package does not have."""
 
-CHUNK_ROWS = 10_000
-"""Most rows of one chunk; chunks are what the fast checksums cover."""
+CHUNK_ROWS = 10_000  # most rows of one chunk; chunks are what the fast checksums cover
 
 SHARD_BYTES = 2 << 30
 """Bytes from which an array has several shards; larger than any array of the shipped recipes."""
 
-PAGE_BYTES = 64 << 10
-"""A multiple of the page size of every system that we know."""
-
-ABSENT = (1 << 64) - 1
-"""Offset and length, in a shard index, of a chunk that is not there."""
+PAGE_BYTES = 64 << 10  # a multiple of the page size of every system that we know
+ABSENT = (1 << 64) - 1  # offset and length, in a shard index, of a chunk that is not there
 
 
 DType = Literal["bool", "uint8", "int64", "uint64", "float32", "float64"]
@@ -219,8 +215,7 @@ def metadata_file(name: str) -> str:
     return f"{DATA}/{name}/zarr.json"
 
 
-GROUP_FILES = (f"{DATA}/zarr.json", f"{DATA}/episodes/zarr.json")
-"""Metadata of the two Zarr groups."""
+GROUP_FILES = (f"{DATA}/zarr.json", f"{DATA}/episodes/zarr.json")  # metadata of the two Zarr groups
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,7 @@ from swarmdata.specs.origins import Origin
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EVENTS
 
-Shape = tuple[int | None, ...]
-"""None: any size."""
+Shape = tuple[int | None, ...]  # None: any size
 
 MAY_BE_EMPTY = ("log_probs", "events", "sent", "delivered", "ages", "episodes/layouts")
 """Arrays without columns, or rows, where a recording does not have them."""

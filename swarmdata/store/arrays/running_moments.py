@@ -11,8 +11,7 @@ from swarmdata.types import Counts, Double, Float
 if TYPE_CHECKING:
     from swarmdata.store.stored_dataset import StoredDataset
 
-BLOCK_NUMBERS = 1 << 20
-"""Most numbers of images that are unpacked to float64 at a time."""
+BLOCK_NUMBERS = 1 << 20  # most numbers of images that are unpacked to float64 at a time
 
 
 @dataclass(slots=True)

@@ -16,8 +16,7 @@ from swarmdata.runtime.atomic import disk_full_explained
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.mapped_pages import mapping_of
 
-MEMORY_BYTES = 256 << 20
-"""Most bytes of arrays that are kept in memory; more are in files."""
+MEMORY_BYTES = 256 << 20  # most bytes of arrays that are kept in memory; more are in files
 
 
 class ScratchMap(mmap.mmap):

@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 
+from swarmdata.envs.physics.backend import Plan
+from swarmdata.envs.physics.fast_backend import FastBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
+from swarmdata.envs.world import world
 from swarmdata.envs.world.task_env import TaskEnv
 from swarmdata.registry.components import TASKS, make_env, make_task
 from swarmdata.registry.presets import preset, preset_names
@@ -41,6 +44,18 @@ def play_both(name: str, n_copies: int, n_steps: int) -> None:
         actions = to_targets(left, spec.n_agents, rng)
         left, right = fast.step(actions), public.step(actions)
     assert touched, "nothing was touched: this shows little"
+
+
+@pytest.mark.parametrize(
+    ("missing", "answer"), [("load_addresses", None), ("integrates_exactly", False)]
+)
+def test_the_public_backend_takes_over(
+    monkeypatch: pytest.MonkeyPatch, missing: str, answer: object
+) -> None:
+    plan = Plan(preset("coop_nav"), make_task(preset("coop_nav")).kinds, ())
+    assert isinstance(world.make_backend(plan, 1), FastBackend)
+    monkeypatch.setattr(world, missing, lambda: answer)
+    assert isinstance(world.make_backend(plan, 1), PublicBackend)
 
 
 @pytest.mark.parametrize("name", every(3, NAMES))

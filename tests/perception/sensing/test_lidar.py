@@ -134,9 +134,8 @@ def test_beams_beyond_a_robots_own_range_read_one() -> None:
 
 SCRIPT = """
 import hashlib, numpy as np
-from swarmdata.perception.sensing.lidar import (
-    LIDAR_CONSTANTS, LidarConstants, ray_blocks, scan,
-)
+from swarmdata.perception.sensing.lidar import ray_blocks, scan
+from swarmdata.perception.sensing.sensed_scene import SCENE, Scene
 from swarmdata.runtime.argument_blocks import ArgumentBlock
 
 rng = np.random.default_rng(0)
@@ -146,11 +145,9 @@ layouts = rng.uniform(0.05, 0.4, (300, 6, 8)).astype(np.float32)
 layouts[..., 0], layouts[..., 3:5] = (0, 0, 1, 2, 3, 3), (0.28, 0.96)
 layouts[..., 1:3] = rng.uniform(-1.9, 1.9, (300, 6, 2))
 out = np.zeros((300, 4, 5 + 4 * 33), dtype=np.float32)
-constants = LidarConstants(
-    np.full(4, 0.12), np.full(4, np.inf), np.full(2, 2.0), np.zeros((0, 3)), ray_blocks(33),
-    33, 2.0, 5.5,
-)
-block = ArgumentBlock(constants, LIDAR_CONSTANTS)
+sizes = np.full(4, 0.12), np.full(4, np.inf), np.full(2, 2.0)
+scene = Scene(4, *sizes, 5.5, np.zeros((0, 3)), False, 33, 2.0, ray_blocks(33))
+block = ArgumentBlock(scene, SCENE)
 scan(block.packed, states, layouts, states, 0, 4, np.ones(300, dtype=bool), out)
 print(hashlib.sha256(out.tobytes()).hexdigest())
 """
