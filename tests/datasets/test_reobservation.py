@@ -197,8 +197,8 @@ def test_a_view_says_what_it_is(dataset: Dataset, view: Dataset) -> None:
     assert "seen with" not in repr(dataset)
 
 
-def test_views_of_views_start_from_the_recording(dataset: Dataset, view: Dataset) -> None:
-    again = view.split("test").reobserve(observation="bearing", progress=False)
+def test_a_second_reobservation_modifies_the_first(dataset: Dataset, view: Dataset) -> None:
+    again = view.split("test").reobserve(observation="=bearing", progress=False)
     direct = dataset.reobserve("bearing", "lossy-30", progress=False)
     assert again.view == direct.view
     assert len(again) == len(view.split("test"))
@@ -209,8 +209,9 @@ def test_views_of_views_start_from_the_recording(dataset: Dataset, view: Dataset
     assert back.view is None
     assert back.stored.arrays["observations"] is dataset.stored.arrays["observations"]
     assert view.reobserve() is view
-    twice = direct.reobserve(communication="lossy-30", progress=False)
-    assert twice.spec == direct.spec, "names modify what was recorded, not the view"
+    twice = direct.reobserve("noise-0.1", "lossy-30", progress=False)
+    assert twice.task == with_models(direct.task, "noise-0.1", "lossy-30")
+    assert twice.task.communication.model_dump()["drop_probability"] == pytest.approx(0.51)
 
 
 def test_statistics_of_equal_models_are_those_of_the_manifest(dataset: Dataset) -> None:

@@ -119,7 +119,7 @@ def test_generate_takes_a_name_for_each_side(tmp_path: Path) -> None:
 
     for wrong, error, words in (
         ("scripted,idle,idle", SpecError, "names 3 policies, but tag has the sides pursuers, evad"),
-        ("scripted,expert", UnknownNameError, "unknown registered policy or run folder of a side"),
+        ("scripted,expert", UnknownNameError, "tier or run folder of a side"),
     ):
         with pytest.raises(error, match=words):
             made(wrong, 0.0)

@@ -60,9 +60,9 @@ def behaviors_of(
     """Returns the behavior policies that a name means, one for each seed of a run.
 
     A name is as `generate` takes it; or a registered policy, a tier or a run for each side of the
-    task, such as `tag-greedy,runs/evader`. The policies have equal parts of a share of the joint steps;
-    those that take no noise, such as `random`, act without. Copies of networks go into the folder's
-    `checkpoints`. Raises as `generate` does.
+    task, such as `tag-greedy,runs/evader`. The policies have equal parts of a share of the joint
+    steps; those that take no noise, such as `random`, act without. Copies of networks go into the
+    folder's `checkpoints`. Raises as `generate` does.
     """
     if "," in name:
         found = tuple(_of_sides(name, spec, noise, folder / CHECKPOINTS))

@@ -180,7 +180,7 @@ def test_runs_of_sides_act_against_each_other(tmp_path: Path) -> None:
     assert one.name.startswith("evader-0-")
     for names, words in (
         (f"{second},scripted", "not trained for the side pursuers of tag"),
-        (f"{first},expert", "unknown registered policy or run folder of a side 'expert'"),
+        (f"{first},expert", "unknown registered policy, tier or run folder of a side 'expert'"),
         (str(first), "was trained for the side pursuers of tag, and does not act alone"),
     ):
         with pytest.raises(swarmdata.SwarmdataError, match=words):
