@@ -1,5 +1,6 @@
 """Makes a dataset of the logs of robots."""
 
+import logging
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import find_windows, make_episodes, most_steps
 from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
+from swarmdata.interop.logs.plausibility import doubts
 from swarmdata.interop.logs.resampling import make_grid
 from swarmdata.interop.logs.robot_signals import SignalReader
 from swarmdata.interop.logs.robot_tracks import (
@@ -37,6 +39,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.types import Episode
 
+_LOG = logging.getLogger("swarmdata")
+
 IMPORT_VERSION = "2"
 """Version of the rules of this folder: the same logs, map and version give the same dataset."""
 
@@ -51,10 +55,10 @@ def shipped_maps() -> dict[str, Path]:
 
 def read_map(source: Path | str) -> LogMap | ImportedLogs:
     """Reads a map by its path or its name in `shipped_maps`, or the `recipe.json` of an import."""
-    path = Path(source)
+    path = Path(source).expanduser()
     if not path.exists():
         path = shipped_maps().get(str(source), path)
-    content = read_document(path.expanduser())
+    content = read_document(path)
     if isinstance(content, Mapping) and "kind" in content:
         if content["kind"] != "logs":
             raise SpecError(
@@ -77,6 +81,9 @@ def import_logs(
     metadata: Mapping[str, str] | None = None,
 ) -> Dataset:
     """Makes a dataset of logs of robots: tables (CSV, Parquet) and bags (ROS 1, ROS 2, MCAP).
+
+    The logger `swarmdata` warns of robots whose poses do not follow their commands by a factor of
+    three, and of robots that are never there at the same time.
 
     With a task, the dataset is one of this task: its functions compute observations, messages,
     rewards, events and ends from the logged poses, and `load` observes it through other models.
@@ -202,6 +209,8 @@ def _read(
     logs.check_all_used()
     grid = make_grid(*span_of(signals), log_map.dt)
     tracks = [make_track(each, log_map, grid) for each in signals]
+    for doubt in doubts(signals, tracks, log_map.dt):
+        _LOG.warning("The logs may not be what the map says: %s.", doubt)
     cuts = log_map if task is None else _within_horizon(log_map, task)
     windows, n_short = find_windows(tracks, markers, grid, cuts)
     counts = Counter(reader.counts)
