@@ -67,5 +67,5 @@ def test_every_published_dataset_has_a_recipe_and_a_card() -> None:
 def test_learned_tiers_mix_independent_policies(family: str, tier: str) -> None:
     shipped = checkpoints(family, tier)
     assert len({each.sha256 for each in shipped}) == len(shipped)
-    assert len({each.policy for each in shipped}) == len(shipped)
+    assert len({(each.side, each.policy) for each in shipped}) == len(shipped)
     assert len(shipped) == 0 or len(shipped) >= (2 if tier == "mixed-conventions" else 3)

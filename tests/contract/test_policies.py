@@ -10,8 +10,9 @@ from swarmdata.errors import SchemaError
 from swarmdata.registry import components
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.registry.recipes import Checkpoint, checkpoints
+from swarmdata.registry.recipes import checkpoints, sources
 from swarmdata.registry.tiers import LEARNED_FAMILIES, TRAINED_TIERS
+from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.specs.rules import PACKAGE_RULES, rules_model
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
@@ -22,12 +23,12 @@ SPEC = TaskSpec(horizon=25)
 
 
 SHIPPED = [
-    (family, found[0], tier)
+    (family, tier)
     for family in LEARNED_FAMILIES
     for tier in TRAINED_TIERS
-    if (found := checkpoints(family, tier))
+    if checkpoints(family, tier)
 ]
-"""The first actor of every shipped tier, with its preset; the others are run by the same code."""
+"""Every shipped tier, whose first team acts; the others are run by the same code."""
 
 DEFAULT_NOISE = {"medium": 0.0, "expert": 0.2}
 """Of default cases, which are those of a preset of each task."""
@@ -35,14 +36,14 @@ DEFAULT_NOISE = {"medium": 0.0, "expert": 0.2}
 NOISY = [
     pytest.param(
         family,
-        actor,
+        tier,
         noise,
         id=f"{family}-{tier}-{noise}",
         marks=[pytest.mark.slow]
         if family not in components.TASKS or noise != DEFAULT_NOISE.get(tier)
         else [],
     )
-    for family, actor, tier in SHIPPED
+    for family, tier in SHIPPED
     for noise in (0.0, 0.2)
 ]
 
@@ -91,12 +92,10 @@ def test_scripted_policies_with_a_memory_have_to_be_told_of_every_episode(task: 
         policy.act(make_env(spec, 2).reset(np.arange(2, dtype=np.uint64)))
 
 
-@pytest.mark.parametrize(("family", "shipped", "noise"), NOISY)
-def test_shipped_actors_keep_the_contract(family: str, shipped: Checkpoint, noise: float) -> None:
+@pytest.mark.parametrize(("family", "tier", "noise"), NOISY)
+def test_shipped_actors_keep_the_contract(family: str, tier: str, noise: float) -> None:
     spec = preset(family).with_updates(horizon=12)
-    policy = make_policy(
-        "learned", spec, checkpoint=shipped.file, sha256=shipped.sha256, noise=noise
-    )
+    policy = make_source_policy(sources(family, tier, noise)[0], spec)
     check_policy(policy, spec, make_env, n_episodes=4, n_steps=10)
 
 

@@ -17,7 +17,7 @@ from swarmdata.errors import CheckpointError, ResultsError, SchemaError, SpecErr
 from swarmdata.evaluation.results.clips import draw_target
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_checks import check_results
-from swarmdata.evaluation.results.result_set import group_results
+from swarmdata.evaluation.results.result_set import group_results, reference_of
 from swarmdata.evaluation.results.result_tables import case_table
 from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.generated_dataset import generate
@@ -31,11 +31,13 @@ from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.record import Recorder
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.registry.recipes import checkpoints
+from swarmdata.registry.published import references
+from swarmdata.registry.recipes import checkpoints, side_sources, sources
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.rollouts.side_policy import step_of_side
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 from tests.record.worlds import Counting, play, steady
@@ -366,6 +368,38 @@ def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Pat
         make_policy(run, TAG)
     with pytest.raises(SchemaError, match=r"has the rows of all sides .* bc learns for one"):
         train("bc", tag_runs["data"], tag_runs["data"].parent / "x", progress=False)
+
+
+def test_tiers_play_a_side_or_against_one() -> None:
+    task = preset("tag")
+    target = find_target("expert", "tag", side="pursuers", opponents="scripted")
+    assert target.measured == SideSpec(whole=task, side="pursuers", opponents="scripted")
+    assert len(target.policies) == len(side_sources("tag", "expert", "pursuers")) > 1
+    whole = find_target("expert", "tag")
+    assert whole.side is None
+    assert len(whole.policies) == len(sources("tag", "expert")) > len(target.policies)
+    assert len({each.content for each in whole.provenances}) == len(whole.policies)
+    first = find_target("scripted", "tag", side="pursuers", opponents="medium").measured
+    assert isinstance(first, SideSpec)
+    digest = str(side_sources("tag", "medium", "evader")[0].sha256)
+    assert first.opponents == f"medium@{digest[:8]}"
+    step = make_env(task, 2).reset(np.arange(2, dtype=np.uint64))
+    learned, other = target.policies[0], whole.policies[0]
+    for policy in (learned, other):
+        policy.reset(step, np.arange(2))
+    np.testing.assert_array_equal(learned.act(step)[:, :3], other.act(step)[:, :3])
+
+
+def test_a_side_has_a_score_against_the_opponents_of_its_references() -> None:
+    scripted, learned = (
+        SideSpec(whole=preset("tag"), side="evader", opponents=name)
+        for name in ("scripted", "medium@12345678")
+    )
+    known = references()["tag-evader"]
+    assert reference_of(scripted) == known.reference
+    assert reference_of(learned) is None
+    noisy = with_models(scripted.whole, observation="noise-0.05")
+    assert reference_of(scripted.model_copy(update={"whole": noisy})) == known.reference
 
 
 def test_the_command_line_trains_and_evaluates_sides(
