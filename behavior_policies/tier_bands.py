@@ -23,6 +23,8 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "warehouse-n8": {"success": 0.9, "clean_success": 0.4},
         "coop_nav-n16": {"success": 0.9, "clean_success": 0.35},
         "robotarium": {"success": 0.95, "clean_success": 0.75},
+        "tag-pursuers": {"success": 0.85, "clean_success": 0.3},
+        "tag-evader": {"success": 0.85},
         "coop_nav-lanes": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-ranks": {"success": 0.95, "clean_success": 0.85},
         "coop_nav-strict": {"success": 0.7},
@@ -32,8 +34,9 @@ EXPERT_AT_LEAST: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "warehouse-strict": {"success": 0.8},
     }
 )
-"""Least figures of an expert team, by preset; that of `coop_nav-n8` was trained in teams of 4, and
-those of the strict presets are the experts of the presets without that rule."""
+"""Least figures of an expert team, by preset, or of a side by preset and side; that of
+`coop_nav-n8` was trained in teams of 4, and those of the strict presets are the experts of the
+presets without that rule."""
 
 EXPERT_SHARE = 0.95
 """Least return of an expert team, as a share of the way from no skill to the scripted controller.

@@ -66,20 +66,17 @@ def evaluate(
         SpecError: the task has one side, or a side is given without opponents, or they without it.
     """
     check_type("n_episodes", n_episodes, (int, np.integer), "a whole number")
-    seeds = None if seeds is None else checked_seeds(seeds, distinct=True)
-    n_episodes = n_episodes if seeds is None else len(seeds)
+    given = block_seeds(block, n_episodes) if seeds is None else seeds
+    n_episodes = len(seeds := checked_seeds(given, distinct=True))
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
     spec = find_spec(spec)
     policy, measured = _team(policy, spec, side, opponents)
-    seeds = block_seeds(block, n_episodes) if seeds is None else seeds
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}
     env = make_env(spec, min(n_copies, n_episodes), n_threads=n_threads)
     hidden = None if progress else True  # None: hidden unless standard error is a terminal
-    with (
-        closing(env),
-        tqdm(total=n_episodes, desc=name, unit="episode", disable=hidden) as bar,
-    ):
+    bar = tqdm(total=n_episodes, desc=name, unit="episode", disable=hidden)
+    with closing(env), bar:
 
         def count(episodes: int) -> None:
             bar.update(episodes)

@@ -38,7 +38,9 @@ def test_tasks_leave_room(name: str) -> None:
     known = [policy for policy in learned if policy in figures]
     returns = [figures[policy]["return"] for policy in known]
     assert returns == sorted(returns)
-    assert all(value > figures[p]["return"] for value in returns for p in ("random", "idle"))
+    assert all(value > figures["random"]["return"] for value in returns)
+    more_than_idle = returns if name in FAMILIES else returns[-1:]  # sides touch each other
+    assert all(value > figures["idle"]["return"] for value in more_than_idle)
 
 
 @pytest.mark.parametrize("family", [f for f in EXPERT_AT_LEAST if "medium" in means(f)])

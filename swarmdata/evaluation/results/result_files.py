@@ -150,13 +150,19 @@ def save_result(result: Result, folder: Path | str, *, replace: bool = False) ->
             f"{path} is in the way: it is no result of an evaluation, so it was left. Move it away."
         )
     content = f"{text}\n".encode()
-    if path.exists() and not replace and path.read_bytes() != content:
+    if not replace:
+        _check_vacant(path, content, provenance)
+    write_file(path, content)
+    return path
+
+
+def _check_vacant(path: Path, content: bytes, provenance: Provenance) -> None:
+    """Refuses to replace another result."""
+    if path.exists() and path.read_bytes() != content:
         raise OutputError(
             f"{path} holds another result of {provenance.label} number {provenance.index}. Give "
             "each policy its number, Provenance(label=..., index=k), or pass replace=True."
         )
-    write_file(path, content)
-    return path
 
 
 def with_relative_run(provenance: Provenance, folder: Path) -> Provenance:
