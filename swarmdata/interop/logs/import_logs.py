@@ -220,6 +220,12 @@ def _read(
     else:
         episodes, left_out = score_episodes(task, log_map, signals, tracks, grid, windows)
         counts += left_out
+    _check_any(episodes, tracks, log_map)
+    return episodes, tracks, clocks, _notes(logs, log_map, counts)
+
+
+def _check_any(episodes: Sequence[Episode], tracks: Sequence[RobotTrack], log_map: LogMap) -> None:
+    """Refuses logs that give no episode."""
     if not episodes:
         raise ConversionError(
             f"no episode of at least {log_map.episodes.min_steps} steps is in the logs. "
@@ -231,7 +237,6 @@ def _read(
             + f". A pose or command is unknown where samples are more than {log_map.max_gap:g} s "
             "apart (`max_gap`)."
         )
-    return episodes, tracks, clocks, _notes(logs, log_map, counts)
 
 
 def _warn(found: Iterable[str]) -> None:
