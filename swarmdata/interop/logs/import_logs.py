@@ -14,12 +14,12 @@ from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import find_windows, make_episodes, most_steps
 from swarmdata.interop.logs.open_logs import OpenLogs
 from swarmdata.interop.logs.planar_frames import PlanarFrames
-from swarmdata.interop.logs.plausibility import doubts
 from swarmdata.interop.logs.resampling import make_grid
 from swarmdata.interop.logs.robot_signals import SignalReader
 from swarmdata.interop.logs.robot_tracks import (
     POSE_SPACE,
     RobotTrack,
+    doubts,
     make_track,
     span_of,
     with_bounds,
