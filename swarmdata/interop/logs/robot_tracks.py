@@ -1,4 +1,4 @@
-"""RobotTrack, the signals of one robot at the times of the grid, and what is implausible in them."""
+"""RobotTrack, the signals of one robot at the times of the grid, and doubts about them."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
