@@ -2,6 +2,7 @@
 
 from swarmdata.cards.sections.front_matter import PROPERTIES
 from swarmdata.cards.sections.wording import (
+    SIDE_TIER_DESCRIPTIONS,
     STRICT_NOTE,
     TIER_DESCRIPTIONS,
     UNKNOWN_TIER_DESCRIPTION,
@@ -20,7 +21,10 @@ MOST_NUMBERS = 6  # episode numbers that are listed in full
 
 def tier_section(origin: Origin) -> str:
     """What the tier means."""
-    text = origin.about_tier or TIER_DESCRIPTIONS.get(origin.tier, UNKNOWN_TIER_DESCRIPTION)
+    world = origin.spec.world
+    of_sides = SIDE_TIER_DESCRIPTIONS if world is not None and len(world.sides) > 1 else {}
+    known = {**TIER_DESCRIPTIONS, **of_sides}
+    text = origin.about_tier or known.get(origin.tier, UNKNOWN_TIER_DESCRIPTION)
     strict = next((k for k in STRICT_FAMILIES if FAMILY_SPECS[k] == origin.spec), None)
     if strict is not None and is_dataset(origin.id):  # others may record the same task
         text += f" {STRICT_NOTE.format(STRICT_FAMILIES[strict])}"

@@ -1,9 +1,12 @@
 """Every tier and task of the package is explained."""
 
+import re
+
 import pytest
 
 from swarmdata.cards.sections.origin import tier_section
 from swarmdata.cards.sections.wording import (
+    SIDE_TIER_DESCRIPTIONS,
     STRICT_NOTE,
     TIER_DESCRIPTIONS,
     TIER_LIMITS,
@@ -35,9 +38,17 @@ def test_what_tiers_say_of_success_is_true_of_all_published_data(
 ) -> None:
     assert words in TIER_DESCRIPTIONS[tier]
     found = {k: e.success for k, e in published().items() if find_recipe(k).tier == tier}
-    found = {k: share for k, share in found.items() if "-strict-" not in k}
+    is_other = re.compile("-strict-|^tag-")  # which say something else
+    found = {k: share for k, share in found.items() if not is_other.search(k)}
     assert found
     assert not {k: share for k, share in found.items() if not least <= share <= most}
+
+
+def test_tiers_of_sides_are_described_by_who_plays_whom() -> None:
+    for tier, text in SIDE_TIER_DESCRIPTIONS.items():
+        assert text in tier_section(find_recipe(f"tag-{tier}"))
+        assert text not in tier_section(find_recipe(f"pursuit-{tier}"))
+    assert TIER_DESCRIPTIONS["random"] in tier_section(find_recipe("tag-random"))
 
 
 @pytest.mark.parametrize("name", STRICT_FAMILIES)
