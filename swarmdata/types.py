@@ -260,7 +260,7 @@ class Episode:
     def __repr__(self) -> str:
         """Returns the shapes instead of the values."""
         arrays = {f.name: getattr(self, f.name) for f in fields(self)}
-        end = f"seed={self.seed}, end_reason={END_REASONS[self.end_reason]!r}"
+        end = f"seed={self.seed}, end_reason={self.end_reason} ({END_REASONS[self.end_reason]})"
         return shortened(f"Episode({_shapes(arrays)}, {end})")
 
     @property

@@ -84,6 +84,7 @@ def _mixed_label(label: str, group: Sequence[Result]) -> Iterator[str]:
     yield from _differing(group, f"{label}: trained by", lambda each: each.provenance.algorithm)
     yield from _differing(group, f"{label}: trained for", _budget)
     yield from _differing(group, f"{label}: trained with", lambda each: _settings(each, group))
+    yield from _repeated_seeds(label, group)
     for who, same in _groups(
         group,
         lambda each: (
@@ -95,6 +96,23 @@ def _mixed_label(label: str, group: Sequence[Result]) -> Iterator[str]:
                 f"{_names(same)}: {len(same)} results of {label} number {who[2]}"
                 f"{f' on {who[0]}' if who[0] else ''}. Leave out all but one, or give them "
                 "different labels."
+            )
+
+
+def _repeated_seeds(label: str, group: Sequence[Result]) -> Iterator[str]:
+    """Results that count as several trainings, and are of one."""
+    trained = [each for each in group if each.provenance.seed is not None]
+    alike = _groups(
+        trained,
+        lambda each: (
+            each.evaluation.spec_hash, each.provenance.model_copy(update={"index": 0}).to_json(),
+        ),
+    )  # fmt: skip
+    for same in alike.values():
+        if len({each.provenance.index for each in same}) > 1:
+            yield (
+                f"{_names(same)}: {len(same)} results of {label} are of the training seed "
+                f"{same[0].provenance.seed}. Leave out all but one."
             )
 
 

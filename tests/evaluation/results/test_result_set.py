@@ -170,6 +170,7 @@ LIDAR = with_models(COOP_NAV, "lidar")
         ),
         ([result(), with_(result(index=1), algorithm="omar")], "bc: trained by bc .*; omar"),
         ([result(), result()], "2 results of bc number 0 on coop_nav-medium-v1"),
+        ([result(), with_(result(), index=1)], "2 results of bc are of the training seed 0"),
         ([result(), with_(result("vdn"), digest="0" * 64)], "but the published one has"),
         (
             [mine(result()), mine(result(index=1), digest="0" * 64)],
