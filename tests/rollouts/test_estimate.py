@@ -71,8 +71,8 @@ def test_a_difference_of_certain_outcomes_has_a_width() -> None:
 def test_what_cannot_be_estimated_is_refused() -> None:
     own, other = result("a"), replace(result("b"), spec_hash="b" * 64)
     fewer = replace(own, seeds=own.seeds + np.uint64(1))
-    with pytest.raises(UnknownNameError, match="Did you mean 'success'"):
-        swarmdata.estimate(own, "sucess")
+    with pytest.raises(UnknownNameError, match="Did you mean 'return'"):
+        swarmdata.estimate(own, "returns")
     for pair in (other, fewer):
         with pytest.raises(SchemaError, match="different"):
             swarmdata.estimate([own, pair])
