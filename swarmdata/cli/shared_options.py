@@ -115,11 +115,15 @@ def parse_ranges(texts: list[str] | None) -> dict[str, tuple[float, float]] | No
 
 def parse_settings(texts: list[str] | None, option: str = "--set") -> dict[str, str]:
     """Splits the texts of all `--set` options, or of another option like it."""
-    settings = {}
+    settings: dict[str, str] = {}
     for text in texts or []:
         key, equals, value = text.partition("=")
         if not equals:
             raise typer.BadParameter(f"got {text!r}, expected KEY=VALUE", param_hint=option)
+        if settings.get(key, value) != value:
+            raise typer.BadParameter(
+                f"{key} is both {settings[key]} and {value}, expected one", param_hint=option
+            )
         settings[key] = value
     return settings
 

@@ -230,9 +230,9 @@ def _default_folder(algorithm: str, sources: str | list[str]) -> Path:
 
 
 def _changes(settings: list[str] | None, **options: int | str | None) -> dict[str, str]:
-    """Merges the settings of options and of `--set`; later ones win."""
-    changes = {name: str(value) for name, value in options.items() if value is not None}
-    return changes | parse_settings(settings)
+    """Merges the settings of options and of `--set`, which may not say something else."""
+    changes = [f"{name}={value}" for name, value in options.items() if value is not None]
+    return parse_settings([*changes, *(settings or [])])
 
 
 def _datasets(text: str) -> tuple[str | list[str], list[float] | None]:

@@ -141,6 +141,8 @@ def test_auto_says_and_trains_what_it_chooses(tiny: Path, tmp_path: Path) -> Non
         ("train mappo coop_nav-random", 2, "swarmdata train-online mappo TASK"),
         ("train-online bc coop_nav", 2, "swarmdata train bc ID"),
         ("train-online mappo coop_nav --set hidden", 2, "expected KEY=VALUE"),
+        ("train bc coop_nav-random --updates 5 --set n_updates=7", 2, "n_updates is both 5 and 7"),
+        ("train-online mappo coop_nav --set hidden=8 --set hidden=9", 2, "is both 8 and 9"),
         ("train-online mapo coop_nav", 1, "Did you mean 'mappo'"),
         ("train-online mappo coop_nv", 1, "Did you mean 'coop_nav'"),
         ("train-online mappo coop_nav --set hidde=8", 1, "Did you mean 'hidden'"),
