@@ -41,7 +41,7 @@ def episode_values(case: Case, result: Result) -> dict[str, Double]:
     Time to goal counts an unsolved episode as the horizon.
     """
     values = dict(result.evaluation.metrics)
-    if case.spec.world is not None:
+    if case.world is not None:
         values["time_to_goal"] = metrics.censored_times(values["time_to_goal"], case.time_limit)
     if case.reference is not None:
         values = {"score": normalized_score(values["return"], case.reference), **values}

@@ -25,6 +25,7 @@ from swarmdata.registry.published import (
 from swarmdata.registry.recipes import FAMILY_SPECS
 from swarmdata.specs.model_choice import is_same_world, with_models
 from swarmdata.specs.origins import SideSpec, Spec
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import open_store
 from swarmdata.store.publication import figures_of
 from swarmdata.types import Double, shortened
@@ -66,6 +67,11 @@ class Case:
         """Labels that learned from the dataset, without baselines."""
         named = self.runs.items()
         return tuple(label for label, runs in named if runs[0].provenance.dataset is not None)
+
+    @property
+    def world(self) -> TaskSpec | None:
+        """The task of this package, of all sides; None: another environment."""
+        return self.spec.whole if isinstance(self.spec, SideSpec) else self.spec.world
 
     @property
     def time_limit(self) -> float:

@@ -92,7 +92,7 @@ FOREIGN_QUANTITIES = (
 
 def quantities_of(case: Case) -> tuple[Quantity, ...]:
     """Returns the quantities of a case: no score without references, fewer in foreign tasks."""
-    if case.spec.world is None:
+    if case.world is None:
         measured = [set(r.evaluation.metrics) for runs in case.runs.values() for r in runs]
         known = set.intersection(*measured)
         return tuple(each for each in FOREIGN_QUANTITIES if each.column.key in known)
@@ -174,11 +174,11 @@ def _caption_of_case(case: Case) -> str:
     spec, runs = case.spec, next(iter(case.runs.values()))
     seeds = runs[0].evaluation.seeds
     where = f"{what}; {len(seeds)} episodes of {spec.task}"
-    if spec.world is None:
+    if case.world is None:
         return f"{where} of {spec.library or 'another library'}, spec {spec.hash()[:12]}."
     block = "validation" if seeds[0] >= VALIDATION_BASE else "evaluation"
     return (
-        f"{where} on the {block} seeds, {describe(spec.world)}, spec {spec.hash()[:12]}. "
+        f"{where} on the {block} seeds, {describe(case.world)}, spec {spec.hash()[:12]}. "
         "Collisions are new contacts per episode. Time to goal counts an unsolved episode as "
         f"{case.time_limit:g} s."
     )

@@ -327,6 +327,10 @@ def test_results_of_sides_name_them(tag_runs: dict[str, Path], tmp_path: Path) -
         (case, *rest) = (*group_results(again).cases, *group_results(again).baselines)
         assert not rest
         assert case.data is None
+        is_scored = name == "greedy"  # against the scripted opponents
+        columns = [column.key for column in case_table(case).columns]
+        assert ("score" in columns) == (case.reference is not None) == is_scored
+        assert "clean_success" in columns
         assert case.spec == target.side
         assert f"tag: {case.spec.side} against" in case_table(case).caption
         np.testing.assert_array_equal(
