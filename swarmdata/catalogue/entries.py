@@ -11,7 +11,13 @@ from swarmdata.datasets.task_rewards import has_task_rewards
 from swarmdata.errors import MissingFileError, SpecError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.listing import list_datasets
-from swarmdata.registry.published import Interval, normalized_score, published, references_of
+from swarmdata.registry.published import (
+    Interval,
+    normalized_score,
+    published,
+    references_of,
+    side_references,
+)
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.cache_folder import cache_folder
@@ -73,8 +79,13 @@ class Entry:
 
     @property
     def gaps(self) -> Mapping[str, Mapping[str, Interval]]:
-        """The coordination gaps of its task by less coordinated team; none if not measured."""
+        """The coordination gaps of its task by less coordinated team; none if not measured.
+
+        In a task of several sides, those of the first.
+        """
         known = references_of(self.spec.hash())
+        if known is None and self.spec.world is not None:
+            known = next(iter(side_references(self.spec.world).values()), None)
         return {} if known is None else known.gaps
 
     @property

@@ -4,8 +4,9 @@ from importlib.resources import files
 from pathlib import Path
 
 from swarmdata.catalogue.entries import collisions_on, find_entries, in_sizes
+from swarmdata.catalogue.pages.getting import get_part
 from swarmdata.hub.catalog.listing import list_datasets
-from swarmdata.registry.published import license_of, published
+from swarmdata.registry.published import license_of, published, references
 from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import little_published
 from tests.support.tiny import TINY
@@ -40,6 +41,14 @@ def test_a_dataset_that_is_shown_says_what_its_table_does(shown: dict[str, Path]
     assert tiny.collisions[0] == tiny.dataset.episodes.robot_collisions.mean()
     assert images.collisions is None
     assert images.need is None
+
+
+def test_a_task_of_two_sides_is_trained_and_compared_by_its_first() -> None:
+    entries = {entry.id: entry for entry in find_entries([], Failures(1))}
+    tag, other = entries["tag-expert-v1"], entries["coop_nav-expert-v1"]
+    assert dict(tag.gaps) == references()["tag-pursuers"].gaps
+    assert "train bc tag-expert-v1 --side pursuers --out" in str(get_part(tag, tag.spec))
+    assert "train bc coop_nav-expert-v1 --out" in str(get_part(other, other.spec))
 
 
 def test_every_published_card_states_its_collisions() -> None:

@@ -33,7 +33,10 @@ def get_part(entry: Entry, spec: Spec) -> Html:
     }
     if _is_learned(entry):
         codes["install"] = "pip install 'swarmdata[torch]'"
-        codes["shell"] = f"swarmdata train bc {shlex.quote(name)} --out runs/bc"
+        world = entry.spec.world
+        sides = world.sides if world is not None and len(world.sides) > 1 else ()
+        side = f" --side {sides[0].name}" if sides else ""
+        codes["shell"] = f"swarmdata train bc {shlex.quote(name)}{side} --out runs/bc"
     snippets = (_snippet(key, text) for key, text in codes.items())
     return section("Get it", "load", *snippets, _facts(entry))
 
