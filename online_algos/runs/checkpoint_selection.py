@@ -228,7 +228,7 @@ def ship(
 def _check_sides(chosen: Sequence[Chosen], spec: TaskSpec) -> None:
     """Refuses tiers that lack policies of a side: BuildError."""
     wanted = {side.name for side in spec.sides} if len(spec.sides) > 1 else {None}
-    for tier in {each.tier for each in chosen}:
+    for tier in dict.fromkeys(each.tier for each in chosen):
         if missing := wanted - {each.side for each in chosen if each.tier == tier}:
             raise BuildError(
                 f"the tier {tier} has no policies for {', '.join(map(str, missing))} of "
