@@ -99,7 +99,7 @@ def reobserve(recorded: StoredDataset, spec: TaskSpec, *, progress: bool = True)
         raise SpecError(
             f"{recorded.manifest.id} has {found} obstacles in each episode, expected "
             f"{len(world.kinds)}: the format that it was imported from does not keep them. Observe "
-            "the original dataset again, or convert by minari or d4rl"
+            "the original dataset again, or convert it by way of minari or d4rl"
         )
     actions = actions_for(spec, task, recorded.arrays["actions"])
     table, arrays = recorded.table, recorded.arrays

@@ -56,7 +56,7 @@ def sources(
     """Returns the policies of one ingredient of a tier; none if the preset does not have it.
 
     In a task of several sides, every policy of one plays each of the others; in a replay, those of
-    equal progress play each other.
+    equal progress play each other, and the side with more runs leaves out its last ones.
 
     Args:
         family: a preset's name.

@@ -17,9 +17,6 @@ from swarmdata.rollouts.score_intervals import (
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.types import Double, EvalResult
 
-RATES = "success"
-"""How the names of metrics end that are 0 or 1."""
-
 Results = EvalResult | Sequence[EvalResult]
 """Of one policy, or of one for each training seed."""
 
@@ -50,14 +47,20 @@ def estimate(results: Results, metric: str = "return", *, minus: Results | None 
             episode, such as the time to goal of one that failed.
         UnknownNameError: no such metric.
     """
-    own, is_rate = _table(results, metric), metric.endswith(RATES)
+    own = _table(results, metric)
     if minus is not None:
         check_comparable([*_listed(results), *_listed(minus)])
-        difference = rate_difference_interval if is_rate else difference_interval
-        return difference(own, _table(minus, metric))
-    if is_rate:
+        other = _table(minus, metric)
+        are_rates = _is_rate(metric, own) and _is_rate(metric, other)
+        return (rate_difference_interval if are_rates else difference_interval)(own, other)
+    if _is_rate(metric, own):
         return rare_rate_interval(own)
     return count_interval(own) if metric in COSTS else mean_interval(own)
+
+
+def _is_rate(metric: str, values: Double) -> bool:
+    """Whether a metric is a success; an own task may call a share in an episode so, too."""
+    return metric.endswith("success") and bool(np.isin(values, (0, 1)).all())
 
 
 def _listed(results: Results) -> list[EvalResult]:

@@ -66,10 +66,11 @@ def evaluate(
         SpecError: the task has one side, or a side is given without opponents, or they without it.
     """
     check_type("n_episodes", n_episodes, (int, np.integer), "a whole number")
-    given = block_seeds(block, n_episodes) if seeds is None else seeds
-    n_episodes = len(seeds := checked_seeds(given, distinct=True))
+    n_episodes = n_episodes if seeds is None else len(seeds)
     if n_episodes < 1:
         raise SchemaError(f"n_episodes is {n_episodes}, expected at least 1.")
+    given = block_seeds(block, n_episodes) if seeds is None else seeds
+    seeds = checked_seeds(given, distinct=True)
     spec = find_spec(spec)
     policy, measured = _team(policy, spec, side, opponents)
     metrics = {metric: np.empty(n_episodes) for metric in metrics_of(spec.task)}

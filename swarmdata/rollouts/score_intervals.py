@@ -135,10 +135,10 @@ RARE = 5
 
 
 def rare_rate_interval(outcomes: Double) -> Estimate:
-    """As `rate_interval`, but where successes or failures are `RARE` it is at least Wilson's.
+    """As `rate_interval`, but with few successes or failures it is at least as wide as Wilson's.
 
-    That is of E episodes, as if seeds always agreed. Without it, one failure of five seeds would
-    have a shorter interval than none.
+    Few are at most `RARE`. Wilson's is that of E episodes, as if seeds always agreed. Without it,
+    one failure of five seeds would have a shorter interval than none.
 
     Args:
         outcomes: 0 or 1, [K, E].

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.catalogue.pages.index_page import QUESTIONS
-from swarmdata.registry.published import published
+from swarmdata.registry.published import published, references
 from swarmdata.registry.recipes import find_recipe
 
 PAGE = Path(__file__).parents[2] / "docs/which-dataset.md"
@@ -39,6 +39,21 @@ def test_the_table_of_the_readme_is_that_of_the_published_datasets() -> None:
         found = [published().get(f"{name}-{tier}-v1") for tier in tiers]
         assert cells == [f"{100 * e.success:.1f}" if e else "" for e in found], name
     assert len(rows) == 22
+
+
+def test_the_readme_counts_the_datasets() -> None:
+    text = (PAGE.parents[1] / "README.md").read_text(encoding="utf-8")
+    assert f"**{sum('-mini-' not in name for name in published())} datasets of a million" in text
+
+
+def test_shares_of_tag_are_those_that_were_measured() -> None:
+    text = " ".join((PAGE.parent / "tasks.md").read_text(encoding="utf-8").split())
+    for tier, recorded in (("expert", "tag-expert"), ("medium", "tag-medium")):
+        measured = references()["tag-pursuers"].policies[tier]["success"]
+        assert measured is not None
+        share = f"{100 * published()[f'{recorded}-v1'].success:.1f}"
+        assert f"{100 * measured.value:.1f} %" in text
+        assert f"in {share} % of `{recorded}`" in text
 
 
 def test_every_tier_is_on_the_page() -> None:

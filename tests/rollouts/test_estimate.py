@@ -37,6 +37,11 @@ def test_each_kind_of_metric_has_the_interval_of_tables() -> None:
     assert swarmdata.estimate(runs[0]) == swarmdata.estimate(runs[:1])
 
 
+def test_a_share_that_is_called_a_success_is_a_mean() -> None:
+    shares = result("a", grasp_success=np.full(40, 0.6))
+    assert swarmdata.estimate(shares, "grasp_success").value == pytest.approx(0.6)
+
+
 def test_differences_are_paired_by_episode() -> None:
     better, worse = result("b", 0.1), result("w")
     alone = swarmdata.estimate(better)

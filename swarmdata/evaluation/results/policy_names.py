@@ -261,7 +261,7 @@ def _registered_target(
     provenances = (Provenance(label=name),)
     if side is None and opponents is None:
         return Target(spec, (make_policy(name, spec),), provenances)
-    seat = _both(name, spec, side, opponents)
+    seat = _seat(name, spec, side, opponents)
     return _on_side(spec, *seat, (name,), provenances)
 
 
@@ -276,7 +276,7 @@ def _tier_target(
     if side is None and opponents is None:
         policies = tuple(make_source_policy(each, spec) for each in teams)
         return Target(spec, policies, _numbered(name, [_content(each) for each in teams]))
-    side, opponents = _both(name, spec, side, opponents)
+    side, opponents = _seat(name, spec, side, opponents)
     found = tier_of_side(name, side, spec)
     players = [make_source_policy(each, SideSpec(whole=spec, side=side)) for each in found]
     provenances = _numbered(name, [each.sha256 for each in found])
@@ -290,7 +290,7 @@ def _content(team: PolicySource) -> str | None:
     return hashlib.sha256("".join(str(each.sha256) for each in team.acting).encode()).hexdigest()
 
 
-def _both(name: str, spec: TaskSpec, side: str | None, opponents: str | None) -> tuple[str, str]:
+def _seat(name: str, spec: TaskSpec, side: str | None, opponents: str | None) -> tuple[str, str]:
     """The side that a policy plays, and who plays the others; SpecError without one of them."""
     if side is None or opponents is None:
         raise SpecError(

@@ -254,7 +254,7 @@ def _check(result: Result, where: str) -> None:
         name
         for name, values in ({} if is_foreign else evaluation.metrics).items()
         if (name == "return" and not np.isfinite(values).all())
-        or (name.endswith("success") and not np.isin(values, (0, 1)).all())
+        or (name in ("success", "clean_success") and not np.isin(values, (0, 1)).all())
     ]
     if impossible or len(np.unique(evaluation.seeds)) < len(evaluation.seeds):
         raise SchemaError(
