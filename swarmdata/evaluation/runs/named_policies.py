@@ -130,7 +130,7 @@ def takes_noise(name: str, spec: TaskSpec) -> bool:
     return "noise" in inspect.signature(policy_class(name, spec)).parameters
 
 
-def of_tier(name: str, spec: TaskSpec, noise: float) -> tuple[PolicySource, ...]:
+def of_tier(name: str, spec: TaskSpec, noise: float = 0.0) -> tuple[PolicySource, ...]:
     """The policies of a tier of a task of the package."""
     family = family_of(spec)
     trained = {tier for tier in TRAINED_TIERS if family is not None and sources(family, tier)}
@@ -231,6 +231,7 @@ def make_policy(
     spec: TaskSpec | Path | str | None = None,
     *,
     seed: int = 0,
+    side: str | None = None,
     **options: Any,
 ) -> Policy:
     """Builds the policy of a name for a task.
@@ -243,11 +244,14 @@ def make_policy(
             `zoo:ALGORITHM/DATASET`, whose newest policy is loaded.
         spec: the task; or a preset's name, or a spec file. None: that of the run's training.
         seed: of a run's training, or the number of a tier's policy; others have one policy.
+        side: of a tier, its policy that plays this side, as `evaluate` and `train_online` take
+            `opponents`.
         options: of a registered policy, such as `noise` or `convention`.
 
     Raises:
-        UnknownNameError: nothing has that name.
-        SpecError: the run or the tier has no such seed, there is no task, or options do not apply.
+        UnknownNameError: nothing has that name, or the task has no such side.
+        SpecError: the run or the tier has no such seed, there is no task, or a side or options do
+            not apply.
         PolicyFitError: the task does not provide what a trained policy needs.
         MissingExtraError: a run needs torch.
     """
@@ -256,6 +260,11 @@ def make_policy(
     if options and (run is not None or name not in POLICIES):
         raise SpecError(
             f"{name} is no registered policy and takes no options, got {', '.join(options)}"
+        )
+    if side is not None and (run is not None or name in checkpoint_free_policies()):
+        raise SpecError(
+            f"{name} is no tier and takes no side, got side {side!r}: leave it out, since a run "
+            "plays the side of its training, and a registered policy, by its name, any"
         )
     if run is not None:
         found = open_run(run)
@@ -271,10 +280,16 @@ def make_policy(
     task = find_spec(spec)
     if name in POLICIES:
         return make_registered(str(name), task, **options)
-    sources = of_tier(str(name), task, 0.0)
+    played: TaskSpec | SideSpec = task
+    if side is None:
+        sources = of_tier(str(name), task)
+    else:
+        task.side(side)
+        sources = tier_of_side(str(name), side, task)
+        played = SideSpec(whole=task, side=side)
     if not 0 <= seed < len(sources):
         raise SpecError(f"{name} has the seeds 0 to {len(sources) - 1}, got seed {seed}")
-    return make_source_policy(sources[seed], task)
+    return make_source_policy(sources[seed], played)
 
 
 def open_run(run: Path) -> "Trained":

@@ -10,6 +10,7 @@ pytest.importorskip("torch", reason="runs need the torch extra")
 import swarmdata
 from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import PolicyFitError, SpecError, UnknownNameError
+from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.interfaces import Policy
 from swarmdata.registry.recipes import sources
 from swarmdata.specs.task_spec import TaskSpec
@@ -61,6 +62,33 @@ def test_a_tier_gives_its_policies() -> None:
         swarmdata.make_policy("expert", spec, seed=n)
     with pytest.raises(UnknownNameError, match="unknown policy, tier or run folder 'expret'"):
         swarmdata.make_policy("expret", spec)
+
+
+def test_a_tier_plays_one_side() -> None:
+    evader = swarmdata.make_policy("expert", "tag", side="evader", seed=1)
+    play = {"side": "pursuers", "n_episodes": 2, "progress": False}
+    here = swarmdata.evaluate("scripted", "tag", opponents=evader, **play)  # type: ignore[arg-type]
+    (team,) = find_target("scripted", "tag", side="pursuers", opponents="expert").policies
+    first = swarmdata.make_policy("expert", "tag", side="evader")
+    named = swarmdata.evaluate("scripted", "tag", opponents=first, **play)  # type: ignore[arg-type]
+    whole = swarmdata.evaluate(team, "tag", n_episodes=2, progress=False)
+    np.testing.assert_array_equal(named.metrics["time_to_goal"], whole.metrics["time_to_goal"])
+    assert (here.metrics["return"] != named.metrics["return"]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "task", "side", "error", "message"),
+    [
+        ("expert", "tag", "hunters", UnknownNameError, "unknown side 'hunters'"),
+        ("expert", "coop_nav", "team", SpecError, "coop_nav has one side"),
+        ("scripted", "tag", "evader", SpecError, "scripted is no tier and takes no side"),
+    ],
+)
+def test_what_plays_no_side_is_refused(
+    name: str, task: str, side: str, error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        swarmdata.make_policy(name, task, side=side)
 
 
 def test_a_registered_policy_needs_a_task(tmp_path: Path) -> None:
