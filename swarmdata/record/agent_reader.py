@@ -1,7 +1,7 @@
 """Turns the dictionaries of a `ParallelEnv` into arrays of all agents: checked, copied, padded."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import compress
 from typing import Any
@@ -120,15 +120,6 @@ class AgentReader:
             masks[index, :count] = row
         return masks
 
-    def outcome(self, infos: Mapping[Any, Any]) -> Outcome:
-        """The outcome that the infos of the last step report."""
-        return combine_outcomes(
-            bool(np.all(info[key]))
-            for info in infos.values()
-            for key in SUCCESS_KEYS
-            if isinstance(info, Mapping) and key in info
-        )
-
     def _require(self, given: Mapping[Any, Any], wanted: Bool, what: str) -> dict[Any, Any]:
         """The given values of the wanted agents; none may be missing."""
         names = list(compress(self.names, wanted))
@@ -156,6 +147,7 @@ class Presence:
     reader: AgentReader  # reads the environment's `agents`
     alive: Bool  # agents that act next, [N]
     gone: Bool  # agents that have ended and that the environment still lists, [N]
+    successes: dict[Any, bool] = field(default_factory=dict)  # that agents reported as they ended
 
     @classmethod
     def after_reset(cls, reader: AgentReader, present: Sequence[Any]) -> "Presence":
@@ -163,8 +155,10 @@ class Presence:
         alive = reader.alive(present)
         return cls(reader, alive, np.zeros_like(alive))
 
-    def step(self, ended: Bool, present: Sequence[Any]) -> Bool:
-        """Which agents act next, [N], given those with a flag, [N], and the environment's `agents`.
+    def step(self, ended: Bool, present: Sequence[Any], infos: Mapping[Any, Any]) -> Bool:
+        """Which agents act next, [N].
+
+        Those `ended`, [N], have a flag; `present` and `infos` are the environment's after the step.
 
         Raises:
             SchemaError: an agent is gone without a flag, so that nobody knows why it ended.
@@ -179,7 +173,24 @@ class Presence:
             )
         self.gone = (self.gone | ended) & listed
         self.alive = listed & ~self.gone
+        found = _successes(infos)
+        own = {name: found[name] for name in compress(self.reader.names, ended) if name in found}
+        self.successes |= own if self.alive.any() else {**found, **self.successes, **own}
         return self.alive
+
+    @property
+    def outcome(self) -> Outcome:
+        """What agents reported as they ended, and the infos of the last step of anybody else."""
+        return combine_outcomes(self.successes.values())
+
+
+def _successes(infos: Mapping[Any, Any]) -> dict[Any, bool]:
+    """Whether those succeeded whose infos say so or not, by the keys of `infos`."""
+    return {
+        name: all(bool(np.all(info[key])) for key in SUCCESS_KEYS if key in info)
+        for name, info in infos.items()
+        if isinstance(info, Mapping) and not info.keys().isdisjoint(SUCCESS_KEYS)
+    }
 
 
 def combine_outcomes(successes: Iterable[bool]) -> Outcome:

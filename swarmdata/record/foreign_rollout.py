@@ -172,10 +172,10 @@ def _play(
         actions = {name: chosen[str(name)] for name in compress(reader.names, acted)}
         observations, rewards, terminations, truncations, infos = env.step(actions)
         ended = reader.flags(terminations, acted) | reader.flags(truncations, acted)
-        alive = presence.step(ended, env.agents)
+        alive = presence.step(ended, env.agents, infos)
         seen = alive | acted
         team_return += float(reader.numbers(rewards, acted, "reward").mean(dtype=np.float64))
         time += 1
-    outcome = reader.outcome(infos)
+    outcome = presence.outcome
     success = float("nan") if outcome is None else float(outcome == "success")
     return team_return, float(time), success

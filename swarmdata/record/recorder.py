@@ -76,7 +76,7 @@ class EnvironmentReader:
         if self.source == "observations":
             return concatenated
         try:
-            state = np.asarray(self.env.state())
+            state = np.array(self.env.state())  # a copy: it may be written in place later
         except Exception as error:  # a foreign environment may raise anything
             raise SchemaError(
                 f"state() of {self.env} failed after it had worked before: {error!r}. Some "
@@ -280,7 +280,8 @@ class Recorder(BaseParallelWrapper):
         result = self.env.step(actions)
         observations, rewards, terminations, truncations, infos = result
         ends = reader.flags(terminations, acted), reader.flags(truncations, acted)
-        alive, own = self._presence.step(ends[0] | ends[1], self.env.agents), environment.own_step
+        alive = self._presence.step(ends[0] | ends[1], self.env.agents, infos)
+        own = environment.own_step
         step: Row = {
             "actions": taken,
             "log_probs": log_probs,
@@ -295,7 +296,7 @@ class Recorder(BaseParallelWrapper):
         if alive.any():
             self._buffer = buffer
         else:
-            self._folder.add(buffer.episode(reader.outcome(infos)))
+            self._folder.add(buffer.episode(self._presence.outcome))
         return result
 
     def close(self) -> Dataset:

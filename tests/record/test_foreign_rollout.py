@@ -97,6 +97,18 @@ def test_a_policy_sees_what_was_recorded(dataset: Dataset, spec: RecordedSpec) -
     assert np.isnan(result.metrics["success"]).all()
 
 
+@pytest.mark.parametrize("failed", ["small", "big", None])
+def test_an_agent_that_left_early_counts_in_success(spec: RecordedSpec, failed: str | None) -> None:
+    told = {name: name != failed for name in ("big", "small")}
+    played = evaluate_parallel(
+        constant(0.0),
+        lambda: Counting(terminates=True, leaves={"small": 2}, success=told),
+        spec,
+        foreign_evaluation_seeds(2),
+    )
+    assert played.metrics["success"].tolist() == [failed is None] * 2
+
+
 def test_a_policy_acts_on_one_thread_and_the_environment_has_its_own(spec: RecordedSpec) -> None:
     acting, stepping = [], []
 

@@ -124,6 +124,13 @@ def test_why_an_episode_ended(tmp_path: Path, options: dict[str, Any], expected:
     assert dataset.episodes.success.all() == (expected == "success")
 
 
+@pytest.mark.parametrize("failed", ["small", "big", None])
+def test_an_agent_that_left_early_counts_in_the_outcome(tmp_path: Path, failed: str | None) -> None:
+    told = {name: name != failed for name in ("big", "small")}
+    env = Counting(terminates=True, leaves={"small": 2}, success=told)
+    assert reason(record(env, tmp_path / "ds")) == ("failure" if failed else "success")
+
+
 def test_without_a_state_all_observations_are_it(tmp_path: Path) -> None:
     dataset = record(Counting(has_state=False), tmp_path / "ds")
     spec = spec_of(dataset)

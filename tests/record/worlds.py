@@ -21,7 +21,7 @@ class Counting(ParallelEnv):  # type: ignore[misc]
         length: steps of an episode.
         terminates: whether it ends by itself; otherwise it is cut.
         has_state: whether it has `state()`.
-        success: what infos say in the last step, None if nothing.
+        success: what infos say as an agent ends, of each by name or of all; None if nothing.
         leaves: step after which each agent leaves, by name.
         enters: step after which an agent appears, by name.
     """
@@ -32,7 +32,7 @@ class Counting(ParallelEnv):  # type: ignore[misc]
         *,
         terminates: bool = False,
         has_state: bool = True,
-        success: bool | None = None,
+        success: bool | dict[str, bool] | None = None,
         leaves: dict[str, int] | None = None,
         enters: dict[str, int] | None = None,
     ) -> None:
@@ -67,9 +67,13 @@ class Counting(ParallelEnv):  # type: ignore[misc]
         cut = dict.fromkeys(acted, over and not self.terminates)
         self.agents = [a for a in acted if not (ended[a] or cut[a])]
         self.agents += [a for a, t in self.enters.items() if t == self.time and not over]
-        infos: dict[str, dict[str, Any]] = {a: {} for a in acted}
-        if over and self.success is not None:
-            infos = {a: {"success": self.success} for a in acted}
+        told = (
+            self.success if isinstance(self.success, dict) else dict.fromkeys(acted, self.success)
+        )
+        infos: dict[str, dict[str, Any]] = {
+            a: {"success": told[a]} if told.get(a) is not None and (ended[a] or cut[a]) else {}
+            for a in acted
+        }
         return self._observe(sorted({*acted, *self.agents})), rewards, ended, cut, infos
 
     def state(self) -> Any:
@@ -263,7 +267,8 @@ class Seeing(Together):
 
     def __init__(self, state: Any = None, wrong: float | None = None) -> None:
         super().__init__()
-        self.state_dtype, self.wrong = state, wrong
+        self.wrong = wrong
+        self.seen = None if state is None else np.zeros((2, 2), state)
 
     def observation_space(self, agent: str) -> Space[Any]:
         return Box(0, 255, (4, 3, 3) if agent == "left" else (2, 3, 3), np.uint8)
@@ -272,9 +277,10 @@ class Seeing(Together):
         return {agent: float(action[0]) for agent, action in actions.items()}
 
     def state(self) -> Any:
-        if self.state_dtype is None:
+        if self.seen is None:
             raise NotImplementedError
-        return np.full((2, 2), 40 * self.time, self.state_dtype)
+        self.seen[:] = 40 * self.time  # in one buffer
+        return self.seen
 
     def observe(self) -> dict[str, Any]:
         found: dict[str, Any] = {}
