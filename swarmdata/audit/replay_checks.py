@@ -17,6 +17,7 @@ from swarmdata.interfaces import Policy, VecEnv
 from swarmdata.registry.components import make_env
 from swarmdata.registry.published import changed_versions
 from swarmdata.rollouts.recipe_episodes import SIMULATED_COPIES, make_source_policy
+from swarmdata.rollouts.rollout import end_reasons
 from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Float, Int, Step
@@ -134,6 +135,8 @@ class _Wave:
             for name in filter(self.subject.arrays.__contains__, STEP_ARRAYS):
                 self._compare(name, self.subject.table.starts[self.wave] + t, step, t)
             self._compare_state(step, t + 1)
+            ended = self.lengths == t + 1
+            self._compare("episodes/end_reason", self.wave, end_reasons(step), t, ended)
             self.subject.release()
             bar.update(int((self.lengths > t).sum()))
             if len(self.known) == len(self.wave):
@@ -163,13 +166,18 @@ class _Wave:
         for name in STATE_ARRAYS:
             self._compare(name, self.subject.state_starts[self.wave] + t, step, t)
 
-    def _compare(self, name: str, rows: Int, values: Step | NDArray[Any], t: int) -> None:
-        """Records first differences of `rows` from the values, [E, ...] or those of a step."""
+    def _compare(
+        self, name: str, rows: Int, values: Step | NDArray[Any], t: int, among: Bool | None = None
+    ) -> None:
+        """Records first differences of `rows` from the values, [E, ...] or those of a step.
+
+        `among`: episodes of the wave to compare, [E]; all that have not ended by default.
+        """
         array = self.subject.arrays[name]
         if not array.size:
             return
         last = self.lengths + (name in STATE_ARRAYS)
-        live = np.flatnonzero((last > t) & self.same)
+        live = np.flatnonzero((last > t if among is None else among) & self.same)
         if not len(live):
             return
         replayed = getattr(values, name) if isinstance(values, tuple) else values

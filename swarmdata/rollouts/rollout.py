@@ -13,6 +13,7 @@ from swarmdata.types import (
     STATE_FIELDS,
     STEP_FIELDS,
     Bool,
+    Counts,
     Episode,
     Float,
     Int,
@@ -22,6 +23,12 @@ from swarmdata.types import (
 
 _SUCCESS, _FAILURE, _HORIZON = (END_REASONS.index(r) for r in ("success", "failure", "horizon"))
 _NO_EPISODE = -1  # the position of a copy whose episode is not wanted
+
+
+def end_reasons(step: Step) -> Counts:
+    """Why the episodes end that have `step` as their last one, indices into END_REASONS, [E]."""
+    unsolved = np.where(step.terminations, _FAILURE, _HORIZON)
+    return np.where(step.successes, _SUCCESS, unsolved).astype(np.uint8)
 
 
 def rollout(
@@ -170,12 +177,11 @@ class EpisodeRing:
         """Returns the episode that has ended with `step` in one copy."""
         length = int(self.lengths[copy])
         rows = (self.starts[copy] + np.arange(length + 1)) % self.n_rows
-        failure_or_horizon = _FAILURE if step.terminations[copy] else _HORIZON
         return Episode(
             **{name: self.rows[name][copy].take(rows, axis=0) for name in STATE_FIELDS},
             **{name: self.rows[name][copy].take(rows[:-1], axis=0) for name in self.step_fields},
             layout=step.layouts[copy].copy(),
             seed=int(step.seeds[copy]),
             policy=policy_index,
-            end_reason=_SUCCESS if step.successes[copy] else failure_or_horizon,
+            end_reason=int(end_reasons(step)[copy]),
         )

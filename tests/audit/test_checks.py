@@ -25,7 +25,7 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.store import EpisodeTable, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.types import Float, Step
+from swarmdata.types import END_REASONS, Float, Step
 from tests.audit.conftest import (
     Arrays,
     Flaw,
@@ -39,6 +39,8 @@ from tests.audit.conftest import (
     timeouts_as,
 )
 from tests.support.tiny import flip, sign
+
+SUCCESS, HORIZON = (END_REASONS.index(reason) for reason in ("success", "horizon"))
 
 
 def columns(name: str, change: Callable[[Any], Any]) -> Flaw:
@@ -103,6 +105,13 @@ def late_rewards(arrays: Arrays, _: EpisodeTable) -> None:
     arrays["rewards"][:] = np.roll(arrays["rewards"], 1, axis=0)
 
 
+def invented_successes(_: Arrays, table: EpisodeTable) -> dict[str, Any]:
+    return {
+        "success": np.ones_like(table.success),
+        "end_reason": np.full_like(table.end_reason, SUCCESS),
+    }
+
+
 def one_bit_of(name: str) -> Flaw:
     def flaw(arrays: Arrays, table: EpisodeTable) -> None:
         row = arrays[name][table.starts[0] + 3]
@@ -165,6 +174,9 @@ FLAWS: dict[str, tuple[Flaw, str, str]] = {
     "a state's bit": (one_bit_of("states"), "replay", "episode 0, step 3: states is"),
     "an arrival's bit": (one_bit_of("delivered"), "replay", "step 3, agent 0: delivered is"),
     "an action's bit": (one_bit_of("actions"), "replay", "step 3, agent 0: actions is"),
+    "an invented success": (
+        invented_successes, "replay", f"episodes/end_reason is {SUCCESS}, replayed {HORIZON}"
+    ),
 }  # fmt: skip
 
 
