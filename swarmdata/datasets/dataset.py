@@ -244,8 +244,8 @@ class Dataset(View[Sampler]):
         Raises:
             UnknownNameError: no such weight; the message lists those that exist.
             SpecError: a weight cannot have the value, or the dataset is of another environment.
-            SchemaError: the dataset has no terms, the function gives other than finite rewards of
-                each robot in each step, or there are both a function and weights.
+            SchemaError: the dataset has no terms, it is no function or gives other than finite
+                rewards of each robot in each step, or there are both a function and weights.
         """
         if function is None and not weights:
             return self
@@ -253,6 +253,11 @@ class Dataset(View[Sampler]):
         from swarmdata.datasets.reweighting import Reweighting, relabel, reweight  # noqa: PLC0415  (compiled code, rarely needed)
 
         if function is not None:
+            if not callable(function):
+                raise SchemaError(
+                    f"with_rewards got {function!r:.100}, expected a function of an episode, or "
+                    "weights as keywords, such as robot_collision=2.0"
+                )
             if weights:
                 raise SchemaError(
                     f"with_rewards got a function and weights of {', '.join(weights)}, expected "

@@ -5,6 +5,7 @@ Users add their own with the functions `register_...`, or with entry points of t
 
 from collections.abc import Callable, Mapping
 from functools import lru_cache
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
@@ -14,6 +15,7 @@ from swarmdata.errors import (
     SchemaError,
     SpecError,
     UnknownNameError,
+    check_type,
 )
 from swarmdata.interfaces import Policy, Task, VecEnv
 from swarmdata.registry.appearance import Appearance
@@ -280,9 +282,10 @@ def make_env(
     Raises:
         SpecError: the copies would not fit into memory, or the spec contradicts itself.
         UnknownNameError: another interface.
-        SchemaError: `n_threads` is not positive, or a PettingZoo environment is to have several
-            copies or threads.
+        SchemaError: `n_threads` is not positive, `n_copies` no whole number, or a PettingZoo
+            environment is to have several copies or threads.
     """
+    check_type("n_copies", n_copies, Integral, "a whole number")
     if n_threads < 1:
         raise SchemaError(f"n_threads is {n_threads}, expected at least 1")
     kind: Callable[..., Any] = resolve("api", WORLDS, api)

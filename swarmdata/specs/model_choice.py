@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from swarmdata.errors import PolicyFitError, SpecError, UnknownNameError
+from swarmdata.errors import PolicyFitError, SpecError, UnknownNameError, check_type
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.observation_names import observation_model
@@ -82,6 +82,8 @@ _READERS: dict[str, Callable[..., Frozen]] = {
 
 def _model_of(kind: str, source: Source, own: TaskSpec) -> Frozen:
     """Reads a model of a kind; a name of the other kind is refused as such."""
+    given = (str, Path, Mapping, Frozen)
+    check_type(f"{kind} model", source, given, "a name, a model, its fields, or a file of them")
     try:
         return _READERS[kind](source, getattr(own, kind))
     except UnknownNameError as error:

@@ -106,6 +106,34 @@ MISTAKES: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
         lambda data, out: data.sampler(4, horizon=1.5),
         "sampler horizon is 1.5, expected a whole number",
     ),
+    "stream by a number": (
+        lambda data, out: untyped.load(data.path, stream=1),
+        "stream is 1, expected True or a Stream",
+    ),
+    "load with a function of rewards": (
+        lambda data, out: untyped.load(data.path, rewards=lambda episode: 0),
+        r"rewards is <function .* Dataset\.with_rewards takes functions",
+    ),
+    "weights of rewards in a mapping": (
+        lambda data, out: data.with_rewards({"proximity": 2.0}),
+        "with_rewards got {'proximity': 2.0}, expected a function of an episode, or weights as",
+    ),
+    "observe by a number": (
+        lambda data, out: data.reobserve(3),
+        "observation model is 3, expected a name",
+    ),
+    "an episode by a truth value": (
+        lambda data, out: data[True],
+        "a dataset got the index True",
+    ),
+    "a part of a copy": (
+        lambda data, out: swarmdata.make_env("coop_nav", 2.5),  # type: ignore[call-overload]
+        "n_copies is 2.5, expected a whole number",
+    ),
+    "noise in words": (
+        lambda data, out: swarmdata.make_policy("scripted", "coop_nav", noise="low"),
+        "action noise is 'low', expected a finite standard deviation",
+    ),
     "choose a split by its number": (
         lambda data, out: data.split(0),
         "unknown split '0'",

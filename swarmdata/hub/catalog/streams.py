@@ -4,7 +4,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from swarmdata.errors import AbsentFileError, HubError
+from swarmdata.errors import AbsentFileError, HubError, check_type
 from swarmdata.hub.catalog.catalog import AnotherDatasetWarning, references_for
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.request import Request, cached, parse_request
@@ -40,6 +40,7 @@ def open_streamed(
     progress: bool,
 ) -> StreamedDataset:
     """Opens one dataset without fetching it, as `load` does; `stream` None is the default."""
+    check_type("stream", stream or Stream(), Stream, "True or a Stream")
     remotes = Remotes(offline=is_offline, progress=progress)
     dataset = stream_request(parse_request(dataset_id), remotes, stream or Stream())
     identity = judge(dataset.blocks.source.manifest)
