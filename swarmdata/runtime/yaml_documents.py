@@ -91,6 +91,14 @@ _BoundedLoader.add_implicit_resolver(
 
 _KINDS = {"int": "whole number", "float": "finite number", "bool": "boolean", "null": "null"}
 
+_PLAIN = {
+    "int": re.compile(r"[-+]?(?:0|[1-9][0-9_]*|0x[0-9a-fA-F_]+)"),
+    "float": re.compile("[^:]*"),
+    "bool": re.compile("(?i:true|false)"),
+}
+"""Scalars that YAML 1.1 and 1.2 read alike, or as text; to the former, 010 is 8, 1:30 is 90 and yes
+is true."""
+
 _SCALARS = yaml.constructor.SafeConstructor()
 
 
@@ -143,6 +151,10 @@ def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:
         return text
     if kind in ("int", "float") and len(text) > MAX_DIGITS:
         problem = f"a number of {len(text)} characters, expected at most {MAX_DIGITS}"
+        raise _error(problem, node.start_mark, path)
+    if kind in _PLAIN and not _PLAIN[kind].fullmatch(text):
+        problem = f"{text!r:.100}, which versions of YAML read differently, expected true or false, "
+        problem += "or a decimal number without colons and leading zeros; text stands in quotes"
         raise _error(problem, node.start_mark, path)
     construct = getattr(_SCALARS, f"construct_yaml_{kind}")
     try:
