@@ -32,7 +32,7 @@ class Moving(NamedTuple):
     robots: Double  # [C, N, 6] with their velocities
     bodies: Double  # [C, K, 7] movable bodies, with their velocities
     limits: Double  # [N, 9] or [C, N, 9] of the robots, `dynamics.limits_of`
-    payloads: Double  # [K, 4] or [C, K, 4] of the bodies, `episode_bodies.payload_rows`
+    payloads: Double  # [K, 5] or [C, K, 5] of the bodies, `episode_bodies.payload_rows`
 
 
 @kernel(inline="always")

@@ -18,10 +18,13 @@ from swarmdata.envs.physics.backend import Contacts, Moving, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import FRICTION, MASS, N_LIMITS, drive
 from swarmdata.envs.physics.episode_bodies import (
+    IS_ELLIPSOID,
     MOMENT,
+    N_PAYLOAD,
     PAYLOAD_MASS,
     SLIDE_FRICTION,
     TURN_FRICTION,
+    floor_grip,
 )
 from swarmdata.envs.physics.free_motion import is_free, move, write_travel_bounds
 from swarmdata.envs.physics.impacts import time_to_impact
@@ -73,7 +76,7 @@ class Spaces(NamedTuple):
     bodies: Annotated[Int, 2]  # [E, N + K] robots, then movable bodies
     shapes: Annotated[Int, 2]  # [E, any] in build order, those of `bodies` last
     joints: Annotated[Int, 2]  # [E, 2 K]
-    payloads: Annotated[Double, 3]  # [E, K, 4] of `payload_rows`
+    payloads: Annotated[Double, 3]  # [E, K, 5] of `payload_rows`
     n_substeps: int  # physics steps in a control step
     dt: float  # s, of a physics step
     limits: Annotated[Double, 3]  # [E, N, 9] of `limits_of`
@@ -98,6 +101,16 @@ def _read_bodies(calls: Int, addresses: Int, movables: Double) -> None:
         movables[k, 2], movables[k, 3] = call_p_v(calls[GET_VELOCITY], body)
         movables[k, 4], movables[k, 5] = call_p_v(calls[GET_ROTATION], body)
         movables[k, 6] = call_p_d(calls[GET_TURN_RATE], body)
+
+
+@kernel(inline="always")
+def _hold_payloads(calls: Int, joints: Int, payloads: Double, movables: Double) -> None:
+    """Sets how the floor holds payloads where that depends on how they slide."""
+    for k in range(movables.shape[0]):
+        if payloads[k, IS_ELLIPSOID] == 1.0:
+            force, torque = floor_grip(movables[k], payloads[k])
+            call_pd(calls[SET_MAX_FORCE], joints[2 * k], force)
+            call_pd(calls[SET_MAX_FORCE], joints[2 * k + 1], torque)
 
 
 @kernel(inline="always")
@@ -253,6 +266,7 @@ def _advance(
                 elif part != solver_dt[b]:
                     _restart_solver(calls, spaces[b], shapes[b], bodies[b], team, movables[b], dt)
                 solver_dt[b] = part
+                _hold_payloads(calls, joints[b], payloads[b], movables[b])
                 _step_space(calls, spaces[b], bodies[b], limits[b], accelerations, part, team)
                 _read_bodies(calls, bodies[b], movables[b])
                 update_contacts(team, radii, layout, half, touching[b], static[b], gaps, events[b])
@@ -287,7 +301,7 @@ class FastBackend:
             bodies=np.zeros((n_copies, n + k), dtype=np.int64),
             shapes=np.zeros((n_copies, n_shapes), dtype=np.int64),
             joints=np.zeros((n_copies, 2 * k), dtype=np.int64),
-            payloads=np.zeros((n_copies, k, 4)),
+            payloads=np.zeros((n_copies, k, N_PAYLOAD)),
             n_substeps=spec.n_substeps,
             dt=spec.physics_dt,
             limits=np.zeros((n_copies, n, N_LIMITS)),

@@ -15,6 +15,7 @@ import numpy as np
 from swarmdata.envs.physics.backend import Contacts, Moving, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import MASS, N_LIMITS, drive
+from swarmdata.envs.physics.episode_bodies import N_PAYLOAD
 from swarmdata.envs.physics.free_motion import is_free
 from swarmdata.envs.physics.mujoco_model import WorldModel, steps_in
 from swarmdata.envs.physics.mujoco_wheels import N_POSITIONS, N_VELOCITIES, wheel_speeds
@@ -222,7 +223,7 @@ class MujocoBackend:
         ours.coordinates[b] = ArgumentBlock(found, COORDINATES).packed
         unwritten = (
             np.full((len(ours.radii), N_LIMITS), np.nan),
-            np.full((ours.bodies.shape[1], 4), np.nan),
+            np.full((ours.bodies.shape[1], N_PAYLOAD), np.nan),
         )
         copy = _Copy(model, data, model.opt, found, data.warning.number, *unwritten)
         copy.option.disableflags = NO_MIDPHASE

@@ -102,7 +102,7 @@ class _Pushed(NamedTuple):
     foot: Any  # a geom
 
     def write(self, model: Any, row: list[float]) -> None:
-        """Gives the payload the body of an episode, `episode_bodies.payload_rows`, [4]."""
+        """Gives the payload the body of an episode, `episode_bodies.payload_rows`, [5]."""
         weight = row[PAYLOAD_MASS] * GRAVITY
         model.body_mass[self.body.id], model.body_inertia[self.body.id] = (
             row[PAYLOAD_MASS],
@@ -166,7 +166,7 @@ class WorldModel:
     def write_bodies(self, model: Any, data: Any, limits: Double, payloads: Double) -> None:
         """Writes what moves in an episode; leaves `data` at its start.
 
-        `limits`: of the robots, [N, 9]. `payloads`: `episode_bodies.payload_rows`, [K, 4].
+        `limits`: of the robots, [N, 9]. `payloads`: `episode_bodies.payload_rows`, [K, 5].
         """
         for robot, row in zip(self._robots, limits.tolist(), strict=True):
             robot.write(model, row)

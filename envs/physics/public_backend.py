@@ -16,10 +16,13 @@ from swarmdata.envs.physics.backend import Contacts, Moving, Plan, write_state
 from swarmdata.envs.physics.contacts import update_contacts
 from swarmdata.envs.physics.dynamics import FRICTION, MASS, N_LIMITS, drive
 from swarmdata.envs.physics.episode_bodies import (
+    IS_ELLIPSOID,
     MOMENT,
+    N_PAYLOAD,
     PAYLOAD_MASS,
     SLIDE_FRICTION,
     TURN_FRICTION,
+    floor_grip,
 )
 from swarmdata.envs.physics.free_motion import is_free, move
 from swarmdata.envs.physics.impacts import time_to_impact
@@ -126,7 +129,7 @@ def build_space(
         robots: [N, 6].
         movables: [K, 7].
         limits: `dynamics.limits_of`, [N, 9].
-        payloads: `episode_bodies.payload_rows`, [K, 4].
+        payloads: `episode_bodies.payload_rows`, [K, 5].
 
     Returns:
         The space, and the bodies of robots and movables.
@@ -164,7 +167,7 @@ class PublicBackend:
         self._plan, spec = plan, plan.spec
         n = spec.n_agents
         self._limits: Double = np.zeros((n_copies, n, N_LIMITS))
-        self._payloads: Double = np.zeros((n_copies, len(plan.movables), 4))
+        self._payloads: Double = np.zeros((n_copies, len(plan.movables), N_PAYLOAD))
         self._radii = np.array([robot.radius for robot in spec.robots])
         self._half = np.array(spec.half_size)
         self._shapes = shapes_of(plan)
@@ -231,6 +234,11 @@ class PublicBackend:
             space, bodies = self._solver(b, part)
             for body, row in zip(bodies, self._accelerations.tolist(), strict=False):
                 body.force = (body.mass * row[0], body.mass * row[1])
+            joints = list(space.constraints)
+            for j, (body, load) in enumerate(zip(movables, self._payloads[b], strict=True)):
+                if load[IS_ELLIPSOID]:
+                    slide, turn = joints[2 * j : 2 * j + 2]
+                    slide.max_force, turn.max_force = floor_grip(body, load)
             space.step(part)
             _read(bodies, robots, movables)
             update_contacts(robots, self._radii, layout, self._half, *contacts, events)

@@ -14,7 +14,7 @@ from pydantic import (
 )
 from pydantic_core import InitErrorDetails, PydanticKnownError
 
-from swarmdata.errors import UnknownNameError
+from swarmdata.errors import UnknownNameError, check_type
 from swarmdata.runtime.own_components import components, import_component
 from swarmdata.specs.frozen import Frozen, Probability
 from swarmdata.specs.quantities import Force, Length, Mass, Weight
@@ -87,6 +87,9 @@ class Payload(Frozen):
     half_width: Length = 0.25  # m, of a box
     mass: Mass = 4.0  # kg
     friction: Force = 2.5  # N, of the floor; one robot pushes with mass 1 kg times acceleration
+    friction_limit: Literal["separate", "ellipsoid"] = "separate"  # of force and torque, in Pymunk
+
+    later_fields: ClassVar[tuple[str, ...]] = ("friction_limit",)
 
 
 class Side(NamedTuple):
@@ -224,8 +227,11 @@ def chosen_weights(choice: RewardChoice, rules: TaskRules) -> dict[str, float | 
 
     Raises:
         UnknownNameError: there is no such set.
+        SchemaError: it is neither a name nor a mapping.
     """
     if not isinstance(choice, str):
+        advice = "Dataset.with_rewards takes functions."
+        check_type("rewards", choice, Mapping, "weights by name, or the name of a set", advice)
         return dict(choice)
     if choice == "team":
         return {"team_share": 1.0}

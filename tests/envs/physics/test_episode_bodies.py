@@ -9,6 +9,7 @@ import pytest
 from swarmdata.envs.physics.dynamics import limits_of
 from swarmdata.envs.physics.episode_bodies import (
     MOMENT,
+    N_PAYLOAD,
     PAYLOAD_MASS,
     SLIDE_FRICTION,
     episode_limits,
@@ -123,7 +124,7 @@ def test_payloads_have_the_moments_of_munk() -> None:
     rows = payload_rows((box, disc))
     assert rows[0, MOMENT] == pymunk.moment_for_box(3.3, (0.74, 0.42))
     assert rows[1, MOMENT] == pymunk.moment_for_circle(3.3, 0, 0.37)
-    assert payload_rows(()).shape == (0, 4)
+    assert payload_rows(()).shape == (0, N_PAYLOAD)
 
 
 def test_payloads_follow_from_the_drawn_values() -> None:

@@ -13,6 +13,7 @@ from tests.envs.physics.scenes import Scene
 RADIUS = 0.12
 BOX = Payload(shape="box", half_length=0.35, half_width=0.25, mass=4.0, friction=2.5)
 DISC = BOX.model_copy(update={"shape": "circle"})
+TURNING = BOX.model_copy(update={"friction_limit": "ellipsoid"})
 
 
 SIMULATORS = pytest.mark.parametrize("simulator", ["pymunk", "mujoco"])
@@ -81,7 +82,23 @@ def test_a_couple_turns_it_on_the_spot(simulator: str) -> None:
     np.testing.assert_allclose(rows[:, 4] ** 2 + rows[:, 5] ** 2, 1.0, atol=1e-6)
 
 
-@pytest.mark.parametrize("payload", [BOX, DISC], ids=["box", "disc"])
+@pytest.mark.parametrize(("lever", "least"), [(0.0, -1.0), (0.04, 15.0), (0.1, 45.0), (0.15, 55.0)])
+def test_a_push_beside_the_middle_turns_what_slides_as_in_mujoco(
+    lever: float, least: float
+) -> None:
+    levers = [lever - 0.125, lever + 0.125]
+    forward = [[0.0, 1.0]] * 2
+    ours = drive(scene_of(TURNING, levers), forward, 30)[-1]
+    theirs = drive(scene_of(TURNING, levers, "mujoco"), forward, 30)[-1]
+    angles = [np.degrees(np.arctan2(row[5], row[4])) for row in (ours, theirs)]
+    assert angles[0] > least
+    assert angles[0] == pytest.approx(angles[1], abs=3.0)
+    np.testing.assert_allclose(ours[:2], theirs[:2], atol=0.04)
+    apart = drive(scene_of(BOX, levers), forward, 30)[-1]
+    assert abs(np.degrees(np.arctan2(apart[5], apart[4]))) < 1.0
+
+
+@pytest.mark.parametrize("payload", [BOX, DISC, TURNING], ids=["box", "disc", "turning"])
 @pytest.mark.parametrize("seed", range(3))
 def test_both_backends_and_a_second_episode_give_the_same_bits(payload: Payload, seed: int) -> None:
     levers = [-0.25, 0.05, 0.31]
