@@ -22,6 +22,7 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.presets import preset
 from swarmdata.specs.recipe import Recipe
+from swarmdata.specs.task_spec import Robot, Role
 from swarmdata.store import EpisodeTable, open_store, read_manifest
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES, array_file, metadata_file
 from swarmdata.store.arrays.shards import file_digest
@@ -196,6 +197,19 @@ def test_planted_flaw_is_found(name: str, clean: Path, forge: Forge) -> None:
     flaw, check, message = FLAWS[name]
     found = look(forge(clean, flaw), sample=4 if check == "replay" else 0)
     assert re.search(message, messages(found, check)), found.to_text()
+
+
+def test_a_slow_robot_may_be_pushed_by_a_fast_one(clean: Path, forge: Forge) -> None:
+    def pushed(arrays: Arrays, table: EpisodeTable) -> None:
+        arrays["states"][table.starts[2] + 2 + 7 :, 8] += 0.14
+
+    origin = open_store(clean).recipe
+    assert isinstance(origin, Recipe)
+    fast = Role(name="fast", count=1, robot=Robot(max_speed=1.6))
+    team = (Role(name="slow", count=3, robot=Robot()), fast)
+    mixed = origin.model_copy(update={"spec": origin.spec.with_updates(team=team)})
+    assert "robot 1 moves" in messages(look(forge(clean, pushed), sample=0), "teleports")
+    assert not messages(look(forge(clean, pushed, mixed), sample=0), "teleports")
 
 
 def test_every_check_has_a_planted_flaw() -> None:
