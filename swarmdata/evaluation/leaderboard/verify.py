@@ -8,6 +8,7 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,6 +38,7 @@ LEAST_EQUAL = 0.95  # of the episodes: rounding differs between processors, and 
 N_REPEATED = 64  # reserved episodes that are repeated, as many as run at the same time
 FARTHEST = 4.0  # standard errors that a mean may be off: claimed, or compared with fresh episodes
 SAME = 1e-6  # most difference of values that count as the same, in the unit of the metric
+MOST_ALIKE = 0.5  # of the episodes that two policies may end with the same metrics
 NEGLIGIBLE = 1e-3  # smaller differences do not count as a shift of a mean
 MEASURED = "measured.json"  # what the process writes
 
@@ -102,7 +104,8 @@ def verify(
         for name in ("reserved", "fresh", "repeated")
     )
     verdict = _compared(claimed, reserved, fresh, is_onnx=description.is_onnx)
-    return verdict._replace(reasons=(*_differing(reserved, repeated), *verdict.reasons))
+    further = (*_differing(reserved, repeated), *_alike(reserved))
+    return verdict._replace(reasons=(*further, *verdict.reasons))
 
 
 def fresh_seeds(description: Description, n_episodes: int) -> Seeds:
@@ -169,6 +172,19 @@ def _differing(reserved: Metrics, repeated: Metrics) -> Iterator[str]:
             f"{share:.1%} of the episodes that its policies repeated ended otherwise: "
             "they act at random, expected the same actions each time"
         )
+
+
+def _alike(reserved: Metrics) -> Iterator[str]:
+    """Which policies are copies of others, whatever their files are."""
+    for k, other in combinations(range(len(reserved["return"])), 2):
+        changed = [_changed(values[k], values[other]) for values in reserved.values()]
+        alike = 1.0 - float(np.any(changed, axis=0).mean())
+        if alike > MOST_ALIKE:
+            yield (
+                f"its policies {k} and {other} end {alike:.0%} of the episodes with the same "
+                "metrics, expected policies of different training seeds"
+            )
+            return
 
 
 def _changed(x: Double, y: Double, *, most: float = SAME) -> Bool:

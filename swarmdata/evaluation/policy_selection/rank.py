@@ -12,7 +12,7 @@ import numpy as np
 
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, UnknownNameError
 from swarmdata.evaluation.policy_selection.rank_statistics import pessimistic_value, ranking_quality
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
@@ -143,7 +143,15 @@ def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool)
             f"{folders[0]} was trained on a mixture, {first.dataset}, expected a dataset: "
             "values of policies are estimated on one recording."
         )
-    dataset = load(dataset_id or first.dataset, **models, progress=progress)
+    try:
+        dataset = load(dataset_id or first.dataset, **models, progress=progress)
+    except UnknownNameError as error:
+        if dataset_id is not None:
+            raise
+        raise SchemaError(
+            f"{folders[0]} was trained on {first.dataset}, which is neither in the cache nor on a "
+            "remote: give the folder of that dataset (--dataset)"
+        ) from error
     if dataset.digest != first.digest:
         raise SchemaError(
             f"{dataset!r} is not the dataset that {folders[0]} was trained on: {first.dataset}, "

@@ -197,6 +197,17 @@ def test_wrong_descriptions_are_rejected(
     assert any(reason in each for each in verify(forged, n_episodes=N_EPISODES).reasons)
 
 
+@pytest.mark.usefixtures("forked")
+def test_copies_of_one_policy_in_other_files_are_rejected(tmp_path: Path) -> None:
+    one = network(0)
+    layer = one.layers[0]
+    shifts = np.arange(N_SEEDS) * 1e-12
+    copies = [replace(one, layers=(layer._replace(bias=layer.bias + each),)) for each in shifts]
+    verdict = verify(write_entry(tmp_path / "entry", copies), n_episodes=N_EPISODES)
+    (reason,) = verdict.reasons
+    assert "its policies 0 and 1 end 100% of the episodes with the same metrics" in reason
+
+
 def test_wrong_files_are_rejected(forged: Path) -> None:
     (forged / "setup.py").write_text("print()")
     (forged / policy_name(1)).write_bytes((forged / policy_name(2)).read_bytes())

@@ -173,6 +173,8 @@ def test_runs_must_be_of_the_dataset(made: Made, tmp_path: Path) -> None:
     (stranger / "config.json").write_text(json.dumps({**document, "digest": "0" * 64}))
     with pytest.raises(SchemaError, match="Rank only runs of one dataset and one view"):
         made.rank(folders=[made.runs[0], stranger])
+    with pytest.raises(SchemaError, match=r"give the folder of that dataset \(--dataset\)"):
+        made.rank(dataset_id=None)
 
 
 def test_the_command_prints_and_writes(made: Made, tmp_path: Path) -> None:
