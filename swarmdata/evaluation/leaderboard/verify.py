@@ -38,8 +38,8 @@ LEAST_EQUAL = 0.95  # of the episodes: rounding differs between processors, and 
 N_REPEATED = 64  # reserved episodes that are repeated, as many as run at the same time
 FARTHEST = 4.0  # standard errors that a mean may be off: claimed, or compared with fresh episodes
 SAME = 1e-6  # most difference of values that count as the same, in the unit of the metric
+NEGLIGIBLE = 1e-3  # smaller differences do not count, of a mean or of two policies
 MOST_ALIKE = 0.5  # of the episodes that two policies may end with the same metrics
-NEGLIGIBLE = 1e-3  # smaller differences do not count as a shift of a mean
 MEASURED = "measured.json"  # what the process writes
 
 Metrics = Mapping[str, Double]
@@ -177,7 +177,8 @@ def _differing(reserved: Metrics, repeated: Metrics) -> Iterator[str]:
 def _alike(reserved: Metrics) -> Iterator[str]:
     """Which policies are copies of others, whatever their files are."""
     for k, other in combinations(range(len(reserved["return"])), 2):
-        changed = [_changed(values[k], values[other]) for values in reserved.values()]
+        pairs = ((values[k], values[other]) for values in reserved.values())
+        changed = [_changed(*pair, most=NEGLIGIBLE) for pair in pairs]
         alike = 1.0 - float(np.any(changed, axis=0).mean())
         if alike > MOST_ALIKE:
             yield (
