@@ -201,7 +201,7 @@ def test_wrong_descriptions_are_rejected(
 def test_copies_of_one_policy_in_other_files_are_rejected(tmp_path: Path) -> None:
     one = network(0)
     layer = one.layers[0]
-    shifts = np.arange(N_SEEDS) * 1e-7
+    shifts = np.arange(N_SEEDS) * 1e-12
     copies = [replace(one, layers=(layer._replace(bias=layer.bias + each),)) for each in shifts]
     verdict = verify(write_entry(tmp_path / "entry", copies), n_episodes=N_EPISODES)
     (reason,) = verdict.reasons
