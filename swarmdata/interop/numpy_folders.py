@@ -52,7 +52,6 @@ from swarmdata.interop.formats import Format
 from swarmdata.specs.origins import RecordedAgent
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace, width
-from swarmdata.types import END_REASONS
 
 KEPT_NAMES = {
     "observations": "obs_<i>",
@@ -115,8 +114,7 @@ def read(source: Path, task: str, choices: Choices) -> Iterator[ImportedData]:
 def _read_exported(source: Path, note: ExportNote) -> ImportedData:
     agents = _agents(source, len(note.spec.agent_names))
     dones = agents[0]["dones"]
-    at_horizon = np.array(note.episodes.end_reason) == END_REASONS.index("horizon")
-    truncated = np.repeat(at_horizon, note.episodes.lengths)
+    truncated = np.repeat(note.truncated, note.episodes.lengths)
 
     def rows(window: slice) -> Arrays:
         found, done = _joint(agents, window), dones[window] != 0

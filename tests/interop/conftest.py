@@ -37,7 +37,10 @@ RECORDING = Recording(id="tag_v3-mine-v0", spec=SPEC, policies=POLICIES, source=
 
 
 def recorded_episode(length: int, seed: int) -> Episode:
-    """Two different agents, the first of which leaves halfway; every second episode is cut."""
+    """Two different agents, the first of which leaves halfway.
+
+    Every second episode is cut, every fourth although it succeeded.
+    """
     episode = make_episode(length, seed, n_values=0, n_obstacles=0, n_features=5, n_states=3)
     steps = np.arange(length)
     last, leaves = steps == length - 1, steps == length // 2
@@ -58,7 +61,7 @@ def recorded_episode(length: int, seed: int) -> Episode:
         rewards=episode.rewards * alive[:-1],
         events=episode.events[..., :0],
         log_probs=episode.log_probs[:, :0],
-        end_reason=END_REASONS.index("horizon" if is_cut else "ended"),
+        end_reason=END_REASONS.index(("ended", "horizon", "ended", "success")[seed % 4]),
         terminations=last & (not is_cut),
         truncations=last & is_cut,
         alive=alive,

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from docs.site.data_pages import YOUR_DATA, your_data_page
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, DatasetNotFoundError, UnknownNameError
+from swarmdata.evaluation.runs.generated_dataset import generate
 from swarmdata.interop.conversion.dataset_facts import DATASET_FACTS, TIME_ARRAYS
 from swarmdata.interop.conversion.export_note import note_of, parse_note
 from swarmdata.interop.conversion.user_choices import Choices
@@ -20,7 +21,7 @@ from swarmdata.interop.convert import import_dataset, source_digest
 from swarmdata.interop.export import export_dataset
 from swarmdata.interop.formats import FORMATS, all_formats, find_format
 from swarmdata.specs.origins.recording_origin import Recording
-from swarmdata.types import Episode
+from swarmdata.types import END_REASONS, Episode
 from tests.interop.foreign import NEEDS
 
 SLOW = ("torchrl", "vault")
@@ -120,9 +121,22 @@ def test_notes_survive(ours: Dataset, recorded: Dataset) -> None:
     for text in ("{", "[]", "{}", json.dumps(content | {"id": "no"})):
         with pytest.raises(ConversionError, match="the note of swarmdata in x cannot be read"):
             parse_note(text, "x")
+    earlier = {**content, "episodes": {**content["episodes"], "truncated": []}}
+    at_horizon = np.array(note.episodes.end_reason) == END_REASONS.index("horizon")
+    assert (parse_note(json.dumps(earlier), "x").truncated == at_horizon).all()
+    assert (note.truncated != at_horizon).any(), "an episode was cut although it succeeded"
     content["episodes"]["seeds"] = [1]
     with pytest.raises(ConversionError, match="columns of different lengths"):
         parse_note(json.dumps(content), "x")
+
+
+def test_one_side_is_no_dataset_of_its_task(tmp_path: Path) -> None:
+    made = generate(
+        "tag", ["scripted"], id="tag-x-v0", n_steps=400, out=tmp_path / "ds", progress=False
+    )
+    path = export_dataset(made.side("evader"), tmp_path / "side", format="numpy")
+    with pytest.raises(ConversionError, match="holds one side of tag-x-v0, the evader"):
+        import_dataset(path, tmp_path / "back", format="numpy", id="tag-back-v0")
 
 
 def test_source_digests(tmp_path: Path) -> None:

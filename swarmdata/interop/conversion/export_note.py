@@ -19,11 +19,11 @@ from swarmdata.interop.conversion.foreign_rows import admit_exported
 from swarmdata.interop.conversion.imported_data import ImportedData, build_episode
 from swarmdata.runtime.documents import parse_json
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import AnySpec
+from swarmdata.specs.origins import AnySpec, SideSpec
 from swarmdata.specs.plain_names import Sha256
 from swarmdata.specs.recipe import Id, PolicySource
 from swarmdata.store import SPLITS
-from swarmdata.types import END_REASONS, Episode, Float
+from swarmdata.types import END_REASONS, Bool, Episode, Float
 
 NOTE_FILE = "swarmdata.json"
 
@@ -39,10 +39,12 @@ class EpisodeColumns(Frozen):
     policy: tuple[Index, ...]  # into the policies
     split: tuple[Annotated[int, Field(ge=0, lt=len(SPLITS))], ...]
     end_reason: tuple[Annotated[int, Field(ge=0, lt=len(END_REASONS))], ...]
+    truncated: tuple[bool, ...] = ()
+    """Of no episode in earlier notes: those were truncated that ended at the horizon."""
 
     @model_validator(mode="after")
     def _check_lengths(self) -> Self:
-        sizes = {name: len(values) for name, values in self}
+        sizes = {name: len(values) for name, values in self if values or name != "truncated"}
         if len(set(sizes.values())) != 1:
             raise ValueError(f"columns of different lengths: {sizes}")
         return self
@@ -58,6 +60,13 @@ class ExportNote(Frozen):
     policies: Annotated[tuple[PolicySource, ...], Field(min_length=1)]
     episodes: EpisodeColumns
     frame: str = "world"  # of observations and actions, as `frames.find_frame` takes it
+
+    @property
+    def truncated(self) -> Bool:
+        """Which episodes were truncated, [n]."""
+        if self.episodes.truncated:
+            return np.array(self.episodes.truncated)
+        return np.array(self.episodes.end_reason) == END_REASONS.index("horizon")
 
     def imported(self, episodes: Iterator[Episode]) -> ImportedData:
         """What an import of the export gives, whose splits are known."""
@@ -86,13 +95,16 @@ def note_of(dataset: Dataset, frame: str) -> ExportNote:
         )
     if isinstance(dataset.reweighting, Reweighting):  # the spec is that of the exported rewards
         spec = dataset.reweighting.applied_to(dataset.task)
+    kept = EpisodeColumns.model_fields.keys() - {"truncated"}
+    truncations = dataset.stored.arrays["truncations"]
     return ExportNote(
         id=dataset.id,
         digest=dataset.digest,
         spec=spec,
         policies=dataset.recipe.policies,
         episodes=EpisodeColumns(
-            **{name: tuple(getattr(table, name).tolist()) for name in EpisodeColumns.model_fields}
+            **{name: tuple(getattr(table, name).tolist()) for name in kept},
+            truncated=tuple(truncations[table.starts + table.lengths - 1].tolist()),
         ),
         frame=frame,
     )
@@ -110,7 +122,7 @@ def read_note(folder: Path) -> ExportNote | None:
 
 
 def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
-    """Reads a note; ConversionError if it is damaged, or of another frame than the world's."""
+    """Reads a note; ConversionError if damaged, of one side, or of a frame but the world's."""
     try:
         note = ExportNote.parse(parse_json(text, str(source)), str(source))
     except SpecError as error:
@@ -121,6 +133,11 @@ def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
         raise ConversionError(
             f"{source} was exported in the frame {note.frame!r}, which cannot be turned back to "
             f"the recorded numbers. Load {note.id}, or export it without --frame."
+        )
+    if isinstance(note.spec, SideSpec):
+        raise ConversionError(
+            f"{source} holds one side of {note.id}, the {note.spec.side}, without the agents of "
+            f"the others. Load {note.id}, or import an export of it, and take the side of that."
         )
     return note
 
