@@ -182,7 +182,7 @@ def teleports(subject: Subject) -> Remarks:
 
 
 def leaving(subject: Subject) -> Remarks:
-    """Agents that have left neither act, nor observe, nor get rewards, nor end again."""
+    """Agents leave by an end, and then neither act, nor observe, nor get rewards, nor end again."""
     if "alive" not in subject.arrays:
         return
     reported: set[str] = set()
@@ -216,6 +216,7 @@ def _misplaced(subject: Subject, steps: Int, states: Int) -> dict[str, Bool]:
         found["agents that are terminated and truncated"] = terminated & cut
         found["ends of agents that are gone"] = (terminated | cut) & ~alive
         found["agents that go on after their end"] = (terminated | cut) & later & goes_on
+        found["agents that leave without an end"] = alive & ~later & ~(terminated | cut)
     return found
 
 

@@ -153,8 +153,8 @@ def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:
         problem = f"a number of {len(text)} characters, expected at most {MAX_DIGITS}"
         raise _error(problem, node.start_mark, path)
     if kind in _PLAIN and not _PLAIN[kind].fullmatch(text):
-        problem = f"{text!r:.100}, which versions of YAML read differently, expected true or false, "
-        problem += "or a decimal number without colons and leading zeros; text stands in quotes"
+        problem = f"{text!r:.99}, which versions of YAML read differently, expected true, false or "
+        problem += "a decimal number without colons and leading zeros; text stands in quotes"
         raise _error(problem, node.start_mark, path)
     construct = getattr(_SCALARS, f"construct_yaml_{kind}")
     try:

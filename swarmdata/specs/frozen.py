@@ -89,6 +89,18 @@ class Frozen(BaseModel):
         """SHA-256 of the canonical JSON, hex; stable across processes and platforms."""
         return hashlib.sha256(self.to_json().encode()).hexdigest()
 
+    @model_validator(mode="before")
+    @classmethod
+    def _no_truth_values_for_numbers(cls, data: Any) -> Any:
+        """Pydantic takes True for 1."""
+        for name in data.keys() & cls.model_fields.keys() if isinstance(data, dict) else ():
+            values = data[name] if isinstance(data[name], list | tuple) else (data[name],)
+            if any(isinstance(each, bool) for each in values):
+                kinds = _kinds_in(cls.model_fields[name].annotation)
+                if bool not in kinds and not kinds.isdisjoint((int, float)):
+                    raise ValueError(f"{name} is {data[name]!r}, expected a number")
+        return data
+
     @model_validator(mode="after")
     def _without_negative_zeros(self) -> Self:
         """-0.0 equals 0.0, and has another text."""
@@ -133,6 +145,12 @@ def _leave_out_later_defaults(value: Any, content: Any) -> None:
     elif isinstance(value, tuple | list):
         for inner, written in zip(value, content, strict=True):
             _leave_out_later_defaults(inner, written)
+
+
+def _kinds_in(annotation: Any) -> set[Any]:
+    """The types that an annotation is made of."""
+    inner = get_args(annotation)
+    return set().union(*map(_kinds_in, inner)) if inner else {annotation}
 
 
 def _positive_zeros(value: Any) -> Any:

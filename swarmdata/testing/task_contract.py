@@ -2,16 +2,18 @@
 
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
-from swarmdata.interfaces import VecEnv
+from swarmdata.interfaces import Task, VecEnv
 from swarmdata.numerics.geometry import clearance
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.numerics.weighted_terms import weighted_rewards
 from swarmdata.registry.components import reward_terms
-from swarmdata.specs.state_layout import UX, UY, VX, VY, X, Y, robots_of
+from swarmdata.specs.state_layout import TX, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import state_columns
 from swarmdata.types import EVENTS, Bool, Seeds, Step
@@ -33,12 +35,12 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
 
     Shapes and dtypes are those of `Step`; values are finite; terminations and truncations exclude
     each other; the horizon truncates; an ended copy stays put; an episode is the same, bit for bit,
-    alone, in a batch and after other episodes; earlier steps are never written to again; actions
-    that are not finite are refused; the rewards are their terms times the weights, bit for bit, and
-    the terms of contacts are the events; no robot is outside the arena, inside an obstacle, or,
-    unless it is pushed, faster than the fastest may be (with backend `kinematic`, which has no
-    contacts, only the speed is checked); empty slots of observations are zero; every
-    state column, feature and term of the reward is described.
+    alone, in a batch and after other episodes; earlier steps are never written to again; the task
+    leaves what is final in a step; actions that are not finite are refused; the rewards are their
+    terms times the weights, bit for bit, and the terms of contacts are the events; no robot is
+    outside the arena, inside an obstacle, or, unless it is pushed, faster than the fastest may be
+    (with backend `kinematic`, which has no contacts, only the speed is checked); empty slots of
+    observations are zero; every state column, feature and term of the reward is described.
 
     Args:
         make_env: builds E copies of the task.
@@ -50,6 +52,7 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
     """
     seeds = np.arange(5, 9, dtype=np.uint64)
     batch = make_env(spec, 4)
+    _watch_updates(batch.task)
     steps = _play(batch, seeds, n_steps)
     for step in steps:
         _check_arrays(step, batch, 4)
@@ -66,6 +69,25 @@ def check_task(make_env: MakeEnv, spec: TaskSpec, n_steps: int = 60) -> None:
             same = np.array_equal(getattr(left, name)[2], getattr(right, name)[0])
             assert same, f"{name} depends on the batch or on earlier episodes"
     _check_refusals(batch)
+
+
+def _watch_updates(task: Task) -> None:
+    """Lets a task's `update` fail if it writes to what is final in a step."""
+    n, update = task.spec.n_agents, task.update
+
+    def watched(before: Step, now: Step, active: Bool, solved: Bool) -> None:
+        def final() -> dict[str, NDArray[Any]]:
+            moved = {"robots in states": robots_of(now.states, n)[..., :TX]}
+            moved |= {name: getattr(now, name) for name in ("times", "events", "layouts", "seeds")}
+            return {name: array.copy() for name, array in moved.items()}
+
+        kept = final()
+        update(before, now, active, solved)
+        for name, array in final().items():
+            same = np.array_equal(array, kept[name])
+            assert same, f"update() wrote to the {name}, which are final in a step"
+
+    task.update = watched  # type: ignore[method-assign]
 
 
 def _play(env: VecEnv, seeds: Seeds, n_steps: int) -> list[Step]:

@@ -60,6 +60,10 @@ FLAWS: dict[str, tuple[Flaw, str, str]] = {
         put("agent_terminations", 0, 1, (1,), True), "leaving",
         "agents that go on after their end, first agent 1",
     ),
+    "leaves silently": (
+        lambda arrays, _: arrays["agent_terminations"].fill(False), "leaving",
+        "agents that leave without an end, first agent",
+    ),
     "frozen state": (frozen("states"), "rows", "states do not change"),
     "reset by itself": (crossing_windows, "boundaries", "transitions cross episodes"),
 }  # fmt: skip

@@ -19,6 +19,7 @@ from swarmdata.errors import SpecError
 from swarmdata.evaluation.results.target_evaluation import measure_references
 from swarmdata.evaluation.robustness.sweep import plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import parameters, parse_axis
+from swarmdata.interfaces import VecEnv
 from swarmdata.interop.logs.scored_episodes import check_task as check_logs
 from swarmdata.registry.appearance import Appearance
 from swarmdata.registry.components import (
@@ -41,7 +42,7 @@ from swarmdata.specs.rules import Payload, TaskDemand, changed_weights, chosen_w
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.policy_contract import check_policy
 from swarmdata.testing.task_contract import check_task
-from swarmdata.types import Float, Int
+from swarmdata.types import Bool, Float, Int, Step
 from tests.catalogue.conftest import little_published
 from tests.support.own_task import Thrifty, ThriftyRules, nothing_registered, thrifty_installed
 from tests.support.pairs import slow
@@ -86,6 +87,26 @@ def test_it_keeps_the_contract_in_every_simulator(spec: TaskSpec) -> None:
     check_task(make_env, spec.with_updates(backend="kinematic"), n_steps=12)
     pytest.importorskip("mujoco", reason="mujoco is not installed")
     check_task(make_env, spec.with_updates(backend="mujoco"), n_steps=12)
+
+
+@pytest.mark.parametrize("array", ["times", "events", "states"])
+@pytest.mark.parametrize("spec", [OWN], indirect=True)
+def test_a_task_that_writes_to_what_is_final_breaks_the_contract(
+    spec: TaskSpec, array: str
+) -> None:
+    def make_forger(spec: TaskSpec, n_copies: int) -> VecEnv:
+        env = make_env(spec, n_copies)
+        update = env.task.update
+
+        def forge(before: Step, now: Step, active: Bool, solved: Bool) -> None:
+            update(before, now, active, solved)
+            getattr(now, array)[active] += 1
+
+        env.task.update = forge  # type: ignore[method-assign]
+        return env
+
+    with pytest.raises(AssertionError, match=f"wrote to the .*{array}, which are final"):
+        check_task(make_forger, spec, n_steps=2)
 
 
 @pytest.mark.parametrize("spec", [OWN], indirect=True)  # of ours: test_policies.py

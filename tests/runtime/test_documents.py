@@ -70,7 +70,7 @@ def test_values_are_those_of_json(text: str, value: Any) -> None:
     assert parse_yaml(text, "x") == value
 
 
-@pytest.mark.parametrize("text", ["010", "-007", "1:30", "1:30.5", "0b11", "yes", "No", "on", "OFF"])
+@pytest.mark.parametrize("text", ["010", "-007", "1:30", "1:30.5", "0b11", "yes", "No", "OFF"])
 def test_what_versions_of_yaml_read_differently_is_refused(text: str) -> None:
     assert "which versions of YAML read differently" in error_of(parse_yaml, f"a: {text}")
     assert parse_yaml(f"a: '{text}'", "x") == {"a": text}
