@@ -2,7 +2,6 @@
 
 import math
 from abc import ABC, abstractmethod
-from numbers import Real
 from typing import ClassVar
 
 import numpy as np
@@ -28,7 +27,7 @@ def counters(step: Step, stream: str, n_agents: int, n_values: int) -> Seeds:
 
 def check_noise(noise: float) -> float:
     """Returns `noise` as a float if it is a standard deviation; else raises a `SpecError`."""
-    if not (isinstance(noise, Real) and 0.0 <= noise < math.inf):
+    if not (isinstance(noise, int | float | np.floating) and 0.0 <= noise < math.inf):
         raise SpecError(
             f"action noise is {noise!r}, expected a finite standard deviation >= 0. "
             "Actions lie in [-1, 1], so useful values are below 1."

@@ -238,7 +238,7 @@ class TaskEnv:
 
     def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
         """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
-        chosen = np.arange(self.n_copies) if copies is None else np.asarray(copies, dtype=np.int64)
+        chosen = np.arange(self.n_copies) if copies is None else self._chosen(copies)
         seeds = checked_seeds(seeds)
         if seeds.shape != chosen.shape:
             raise SchemaError(
@@ -257,6 +257,19 @@ class TaskEnv:
         self._threads.run([partial(block.start, *reset) for block, reset in resets])
         self._now, self._rows = now, rows
         return now
+
+    def _chosen(self, copies: Int) -> Int:
+        """The copies to reset, [C], if they are such."""
+        chosen = np.asarray(copies)
+        are_numbers = chosen.ndim == 1 and (not chosen.size or chosen.dtype.kind in "iu")
+        if not (are_numbers and len(np.unique(chosen)) == len(chosen)) or (
+            chosen.size and not 0 <= chosen.min() <= chosen.max() < self.n_copies
+        ):
+            raise SchemaError(
+                f"reset got the copies {copies!r:.100}, expected different whole numbers below "
+                f"{self.n_copies}, such as np.flatnonzero(step.ended)"
+            )
+        return chosen.astype(np.int64)
 
     def step(self, actions: Float | Double) -> Step:
         """Advances the copies that have not ended; see `interfaces.VecEnv.step`."""

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import warnings
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -17,9 +18,9 @@ from swarmdata.runtime.engines.jobs import Job, Report, usable_cores
 from swarmdata.runtime.engines.open_engine import LOCAL, Engine, open_engine
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.recipe import Recipe
-from swarmdata.store import Manifest, remove_leftovers
+from swarmdata.store import Manifest, read_manifest, remove_leftovers
 from swarmdata.store.arrays.layout import CARD, MANIFEST, REFERENCES
-from swarmdata.store.assembly import assemble
+from swarmdata.store.assembly import assemble, own_code
 from swarmdata.store.manifest import is_finished, note_build
 from swarmdata.store.table import n_steps_of
 
@@ -62,6 +63,7 @@ def build(
     out = Path(out)
     checkpoints = None if checkpoints is None else Path(checkpoints)
     if _is_done(out, recipe):
+        _compare_code(out, recipe)
         return out
     with locked(out, progress):
         build_under_lock(
@@ -103,6 +105,15 @@ def _is_done(out: Path, recipe: Recipe) -> bool:
     return True
 
 
+def _compare_code(out: Path, recipe: Recipe) -> None:
+    """Warns if a finished dataset was made by other code of users than there is now."""
+    made_by = read_manifest(out).provenance
+    for name, code in own_code(recipe.spec, recipe.policies).items():
+        if made_by.get(name, code) != code:
+            text = f"{out} was made before the {name} changed; build it anew in another folder"
+            warnings.warn(text, stacklevel=3)
+
+
 def remove_parts(recipe: Recipe, out: Path) -> None:
     """Removes the parts of a recipe in `build_folder(out)`, the note of the recipe last.
 
@@ -117,6 +128,7 @@ def remove_parts(recipe: Recipe, out: Path) -> None:
         for path in parts.all():
             shutil.rmtree(path)
         parts.remove_checkpoints()
+        parts.code.unlink(missing_ok=True)
         parts.note.unlink()
     if not any(parts.folder.iterdir()):
         parts.folder.rmdir()

@@ -1,5 +1,6 @@
 """The folder of parts of an unfinished dataset; a part is a pure function of the recipe."""
 
+import json
 import re
 import shutil
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from swarmdata.specs.frozen import differences
 from swarmdata.specs.recipe import Recipe, who_acts
 from swarmdata.store import remove_leftovers, write_file
 from swarmdata.store.arrays.layout import CHECKPOINTS, RECIPE
+from swarmdata.store.assembly import own_code
 from swarmdata.store.episode_order import MergeOrder, merge_order
 from swarmdata.store.parts import is_consumed, read_part_table
 from swarmdata.store.table import PartTable, n_steps_of
@@ -54,13 +56,16 @@ class Parts:
     def _note(self) -> None:
         """Writes the note of the recipe, or compares the one that is there."""
         self.remove_leftovers()
+        code = own_code(self.recipe.spec, self.recipe.policies)
         if not self.note.exists():
-            if any(self.folder.iterdir()):
+            if any(path != self.code for path in self.folder.iterdir()):
                 raise BuildError(
                     f"{self.folder} is not a folder of parts: it has other files and no {RECIPE}. "
                     "Parts of a build are collected there. Move it away, or choose another folder "
                     "for the dataset."
                 )
+            if code:
+                write_file(self.code, json.dumps(code).encode())
             write_file(self.note, self.recipe.to_json().encode())
             return
         there = Recipe.from_file(self.note)
@@ -73,6 +78,17 @@ class Parts:
                 f"{self.folder} holds parts of another recipe: {changes}. "
                 "Choose another folder, or move it away."
             )
+        made_by = json.loads(self.code.read_bytes()) if self.code.exists() else {}
+        if changed := dict(made_by.items() ^ code.items()):
+            raise RecipeConflictError(
+                f"{self.folder} holds parts that were made before the {min(changed)} changed. "
+                "Remove it to make them anew, or build in another folder."
+            )
+
+    @property
+    def code(self) -> Path:
+        """Digests of the code of users' tasks and policies that made the parts, if there is any."""
+        return self.folder / "code.json"
 
     @property
     def note(self) -> Path:

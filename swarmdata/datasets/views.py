@@ -314,7 +314,9 @@ class View(TrainingData[R]):
         if isinstance(index, slice):
             return self._selected(self.selection[index])
         try:
-            position = operator.index(None if isinstance(index, bool) else index)
+            if isinstance(index, bool):
+                raise TypeError
+            position = operator.index(index)
         except TypeError:
             raise SchemaError(
                 f"a dataset got the index {index!r:.100}, expected the number of an episode or a "

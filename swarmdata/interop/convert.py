@@ -5,7 +5,7 @@ import logging
 from collections.abc import Iterable
 from dataclasses import fields
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,11 +43,11 @@ def import_dataset(
     *,
     format: str,
     id: str,
-    choices: Choices | None = None,
     splits: Literal["kept", "new"] = "kept",
     rule: Splits | None = None,
     seed: int = 0,
     metadata: dict[str, str] | None = None,
+    **answers: Any,
 ) -> Dataset:
     """Converts foreign data to a dataset with its card, and leaves the source unchanged.
 
@@ -61,17 +61,19 @@ def import_dataset(
         format: name of a format, such as `d4rl`.
         id: id of the new dataset, such as `simple_spread-omar_medium-v0`; its first part names the
             environment if the data do not.
-        choices: answers to questions that the data leave open; exports of this library leave none.
         splits: `kept` keeps the splits of an export of this library; `new` draws new ones.
         rule: sizes of new splits.
         seed: seed of new splits.
         metadata: information for readers, such as the author, license and origin.
+        answers: to questions that the data leave open, as errors ask them and as the command has
+            them: `time_limit`, `episode_length`, `final`, `unfinished`, `agents`, `action_low` and
+            `action_high`. Exports of this library leave none.
 
     Raises:
-        UnknownNameError: there is no such format, or `splits` is another word.
+        UnknownNameError: there is no such format or answer, or `splits` is another word.
         DatasetNotFoundError: there is nothing at `source`.
         ConversionError: the data are ambiguous, damaged, do not fit together, or refer to other
-            files; or there are choices for an export.
+            files; or there are answers for an export.
         SchemaError: a number is not finite or would be rounded, or a value is not in its space.
         MissingExtraError: the format's library is not installed.
         OutputError: something else is at `out`.
@@ -79,8 +81,9 @@ def import_dataset(
     """
     source, out = map(absolute_path, (source, out))
     _check(source, out, splits)
-    with _reader_of(format)(source, id.partition("-")[0], choices or Choices()) as incoming:
-        kept = _kept_splits(incoming, splits, choices or Choices(), source)
+    choices = Choices.of(**answers)
+    with _reader_of(format)(source, id.partition("-")[0], choices) as incoming:
+        kept = _kept_splits(incoming, splits, choices, source)
         content = {
             "id": id,
             "spec": incoming.spec,

@@ -4,6 +4,7 @@ import warnings
 import weakref
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import compress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self
@@ -180,7 +181,7 @@ class Recorder(BaseParallelWrapper):
         self._seeds = SeedStream(self._recording.seed, self._folder.seeds())
         self._environment: EnvironmentReader | None = None
         self._buffer: EpisodeBuffer | None = None
-        self._policy = 0
+        self._policy, self._has_warned = 0, False
         self._log_probs: Mapping[Any, float] | None = None
         self._dataset: Dataset | None = None
 
@@ -279,6 +280,7 @@ class Recorder(BaseParallelWrapper):
         self._buffer = None  # after a failure, the episode no longer fits the environment
         result = self.env.step(actions)
         observations, rewards, terminations, truncations, infos = result
+        self._warn_of_late_rewards(rewards, acted)
         ends = reader.flags(terminations, acted), reader.flags(truncations, acted)
         alive = self._presence.step(ends[0] | ends[1], self.env.agents, infos)
         own = environment.own_step
@@ -369,6 +371,18 @@ class Recorder(BaseParallelWrapper):
         if given is None:
             raise SchemaError("call record_log_probs before every step")
         return self._reader.numbers(given, acted, "log-probability")
+
+    def _warn_of_late_rewards(self, rewards: Mapping[Any, Any], acted: Bool) -> None:
+        """Warns once of rewards of agents that did not act, [N], which are not recorded."""
+        names = compress(self._reader.names, ~acted)
+        late = [name for name in names if np.any(rewards.get(name, 0.0))]
+        if late and not self._has_warned:
+            self._has_warned = True
+            warnings.warn(
+                f"{late[0]} got the reward {rewards[late[0]]!r:.50} after its end, which is not "
+                "recorded, nor are others of agents that do not act",
+                stacklevel=3,
+            )
 
     def _leave_episode(self) -> None:
         """Keeps or drops the running episode."""

@@ -4,6 +4,7 @@ They are entry points of installed distributions, or come from `swarmdata.regist
 """
 
 import ast
+import hashlib
 import inspect
 import json
 import os
@@ -121,13 +122,29 @@ def defined_elsewhere(what: str, name: str, package: str = "") -> str:
 
 def package_of(group: str, name: str) -> str | None:
     """The package of a user's component, with its version if it is a distribution; else None."""
+    package = _package_of(group, name)
+    found = None if package is None else packages_distributions().get(package)
+    return f"{found[0]} {version(found[0])}" if found else package
+
+
+def code_of(group: str, name: str) -> str | None:
+    """SHA-256 of the Python files of the package of a user's component; None if there are none."""
+    package = _package_of(group, name)
+    spec = None if package is None else find_spec(package)
+    if spec is None or spec.origin is None:
+        return None
+    places = spec.submodule_search_locations
+    files = [Path(spec.origin)] if places is None else sorted(Path(places[0]).rglob("*.py"))
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
+
+
+def _package_of(group: str, name: str) -> str | None:
     component = components(group).get(name)
     place = component if component is None or isinstance(component, str) else _place_of(component)
-    if place is None:
-        return None
-    package = place.partition(":")[0].partition(".")[0]
-    found = packages_distributions().get(package)
-    return f"{found[0]} {version(found[0])}" if found else package
+    return None if place is None else place.partition(":")[0].partition(".")[0]
 
 
 def summary_of(component: Any) -> str:

@@ -2,7 +2,7 @@
 
 import hashlib
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from swarmdata.errors import BuildError, DatasetError, SchemaError
 from swarmdata.runtime.atomic import is_vacant, new_folder
-from swarmdata.runtime.own_components import package_of
+from swarmdata.runtime.own_components import code_of, package_of
 from swarmdata.specs.origins import Origin
 from swarmdata.specs.recipe import PolicySource, who_acts
 from swarmdata.specs.task_spec import TaskSpec
@@ -343,6 +343,25 @@ def _attributes(recipe: Origin) -> dict[str, Any]:
     }
 
 
+def own_code(
+    world: TaskSpec | None = None, policies: Sequence[PolicySource] = ()
+) -> dict[str, str]:
+    """SHA-256 of the code of users' tasks and policies, as `provenance` has them."""
+    return {f"code of {name}": code for name, code in _own(code_of, world, policies).items()}
+
+
+def _own(
+    find: Callable[[str, str], str | None],
+    world: TaskSpec | None,
+    policies: Sequence[PolicySource],
+) -> dict[str, str]:
+    """What `find` tells of users' tasks and policies, by name."""
+    found = {f"policy {each.name}": find("policies", each.name) for each in who_acts(policies)}
+    if world is not None:
+        found[f"task {world.task}"] = find("tasks", world.task)
+    return {name: each for name, each in found.items() if each is not None}
+
+
 def provenance(
     world: TaskSpec | None = None, policies: Sequence[PolicySource] = ()
 ) -> dict[str, str]:
@@ -350,15 +369,14 @@ def provenance(
 
     The packages of users' tasks and policies are named as well; `world` is what is simulated.
     """
-    own = {f"policy {each.name}": package_of("policies", each.name) for each in who_acts(policies)}
-    if world is not None:
-        own[f"task {world.task}"] = package_of("tasks", world.task)
+    own = _own(package_of, world, policies)
     packages = ["swarmdata", "numpy", "numba", "pymunk", "zarr"]
     if world is not None and world.backend == "mujoco":
         packages.append("mujoco")
     return {
         **{name: version(name) for name in packages},
-        **{name: package for name, package in own.items() if package is not None},
+        **own,
+        **own_code(world, policies),
         "python": platform.python_version(),
         "platform": f"{platform.system()}-{platform.machine()}",
     }

@@ -14,6 +14,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+import swarmdata
 from swarmdata.building import build as build_module
 from swarmdata.building.build import build
 from swarmdata.building.part_maker import make_part, part_maker
@@ -29,6 +30,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import assembly, read_manifest
 from swarmdata.store.arrays.shards import write_shard
 from tests.support.one_process import OneProcessCrew, use_one_process
+from tests.support.own_task import nothing_registered
 from tests.support.tiny import abandoned
 
 SCRIPT = """
@@ -191,6 +193,34 @@ def test_other_recipe_in_the_parts_is_refused_with_what_differs(tmp_path: Path) 
     assert "seed is 6 there, 5 in the recipe" in str(error.value)
     assert "spec.horizon is 41 there, 40 in the recipe" in str(error.value)
     assert "n_steps" not in str(error.value)
+
+
+@pytest.mark.usefixtures("one_process")
+def test_parts_of_changed_code_are_refused_and_datasets_named(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "lazy_robots"
+    package.mkdir()
+    (package / "__init__.py").write_text(
+        "from swarmdata.behavior_policies.simple import Random as Lazy\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    mine = (PolicySource(label="a", name="lazy"),)
+    recipe = make_recipe(n_steps=200, policies=mine)
+    with nothing_registered():
+        swarmdata.register_policy("lazy", "lazy_robots:Lazy")
+        parts = Parts(recipe, build_folder(tmp_path / "unfinished"))
+        parts.open(None)
+        parts.open(None)
+        done = build(recipe, tmp_path / "done", progress=False)
+        (package / "more.py").write_text("SPEED = 2\n")
+        with pytest.raises(
+            RecipeConflictError, match="made before the code of policy lazy changed"
+        ):
+            parts.open(None)
+        with pytest.warns(UserWarning, match="was made before the code of policy lazy changed"):
+            assert build(recipe, done, progress=False) == done
+    assert not build_folder(done).exists()
 
 
 def test_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:

@@ -88,6 +88,13 @@ def test_wrong_usage_is_code_2(arguments: tuple[str, ...]) -> None:
     run(*arguments, code=2)
 
 
+def test_a_recipe_of_an_edit_is_not_generated(tmp_path: Path) -> None:
+    file = tmp_path / "recipe.json"
+    file.write_text('{"kind": "edit", "id": "coop_nav-x-v0"}')
+    printed = run("generate", file, "--out", tmp_path / "x", code=1)
+    assert "is of a dataset of the kind 'edit', which is not simulated" in printed
+
+
 def test_generate_verify_card(recipe_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "data"
     output = run("generate", recipe_file, "--out", out, "--workers", "1", "--steps", "500")

@@ -8,7 +8,6 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, OutputError, RecipeConflictError, UnknownNameError
 from swarmdata.interop.conversion.imported_data import build_episode
-from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.store.scratch import scratch_folder
@@ -46,11 +45,13 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
 
 def test_answers_about_an_export_are_refused(source: Path, tmp_path: Path) -> None:
     """It has none of the questions, and would ignore them."""
-    answers = Choices(episode_length=10, time_limit=5)
+    answers = {"episode_length": 10, "time_limit": 5}
     with pytest.raises(ConversionError, match=r"got time_limit, episode_length as well\. Leave"):
-        import_dataset(source, tmp_path / "a", format="d4rl", id="x-back-v1", choices=answers)
+        import_dataset(source, tmp_path / "a", format="d4rl", id="x-back-v1", **answers)
     assert list(tmp_path.iterdir()) == []
-    import_dataset(source, tmp_path / "b", format="d4rl", id="x-back-v1", choices=Choices())
+    import_dataset(source, tmp_path / "b", format="d4rl", id="x-back-v1", agents=None)
+    with pytest.raises(UnknownNameError, match="unknown answer about foreign data 'time_limits'"):
+        import_dataset(source, tmp_path / "c", format="d4rl", id="x-back-v1", time_limits=3)
 
 
 def test_a_taken_folder_is_left_alone(source: Path, ours: Dataset, tmp_path: Path) -> None:

@@ -18,7 +18,6 @@ from swarmdata.audit import audit
 from swarmdata.cards.side_files import damage_of
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SchemaError, SwarmdataError
-from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.specs.spaces import DiscreteSpace, MultiDiscreteSpace
@@ -31,9 +30,7 @@ pq = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
 
 
 def convert(source: Path, kind: str, **answers: Any) -> Dataset:
-    return import_dataset(
-        source, source.parent / "out", format=kind, id="maze-x-v0", choices=Choices(**answers)
-    )
+    return import_dataset(source, source.parent / "out", format=kind, id="maze-x-v0", **answers)
 
 
 def refused(source: Path, kind: str, words: str, **answers: Any) -> None:
@@ -78,6 +75,17 @@ def test_an_episode_is_truncated_if_an_agent_is_in_its_last_step(
     assert taken.ends == ["ended", "horizon"]
     assert np.argwhere(taken.episodes[0].agent_truncations).tolist() == [[2, 0]]
     assert np.argwhere(taken.episodes[1].agent_truncations).tolist() == [[4, 1]]
+
+
+def test_terminations_wherever_there_are_truncations_are_asked_about(
+    tmp_path: Path, take_in: TakeIn
+) -> None:
+    arrays = team(20, length=5)
+    arrays["terminals"] |= arrays["timeouts"]
+    source = hdf5(tmp_path / "x.hdf5", arrays)
+    refused(source, "d4rl", "has a termination wherever it has a truncation")
+    assert take_in(source, "d4rl", time_limit=0).ends == ["ended"] * 4
+    assert take_in(source, "d4rl", time_limit=5).ends == ["horizon"] * 4
 
 
 def test_data_without_any_flag_are_one_open_episode(tmp_path: Path, take_in: TakeIn) -> None:

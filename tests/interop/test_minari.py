@@ -9,7 +9,6 @@ from gymnasium import spaces
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import MisplacedExportWarning, export_dataset
 from swarmdata.numerics.random import evaluation_seeds
@@ -100,9 +99,8 @@ def test_a_dict_of_agents_is_a_team_if_told(recorded: Dataset, tmp_path: Path) -
     (path / "data/metadata.json").write_text(text.replace('"swarmdata"', '"other"'))
 
     def read(*agents: str) -> Dataset:
-        choices = Choices(agents=agents)
         out = tmp_path / "out"
-        return import_dataset(path, out, format="minari", id="tag-b-v0", choices=choices)
+        return import_dataset(path, out, format="minari", id="tag-b-v0", agents=agents)
 
     with pytest.raises(ConversionError, match=r"expected the keys of the Dict spaces"):
         read("a", "b")

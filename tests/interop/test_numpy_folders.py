@@ -8,7 +8,6 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.types import END_REASONS, Episode
@@ -74,7 +73,7 @@ def test_several_runs_are_policies(tmp_path: Path) -> None:
         write_run(tmp_path / f"expert/seed_{run}_data", 20, run, states=True)
     dataset = import_dataset(
         tmp_path / "expert", tmp_path / "out", format="numpy",
-        id="simple_spread-omar_expert-v0", choices=Choices(time_limit=LENGTH),
+        id="simple_spread-omar_expert-v0", time_limit=LENGTH,
     )  # fmt: skip
     labels = [source.label for source in dataset.recipe.policies]
     assert labels == ["seed_0_data", "seed_2_data", "seed_10_data"], "in the order of the numbers"
@@ -114,7 +113,7 @@ def test_an_export_is_as_others_write_it(ours: Dataset, tmp_path: Path) -> None:
     assert np.load(path / "obs_0.npy").shape == (lengths.sum(), ours[0].observations.shape[2])
     dataset = import_dataset(
         path, tmp_path / "again", format="numpy", id="coop_nav-again-v0",
-        choices=Choices(time_limit=int(lengths.max())),
+        time_limit=int(lengths.max()),
     )  # fmt: skip
     for mine, theirs in zip(dataset, ours, strict=True):
         np.testing.assert_array_equal(mine.observations, theirs.observations)

@@ -84,7 +84,7 @@ choices = st.builds(
 
 def check(source: Path, out: Path, kind: str, answers: Choices) -> None:
     try:
-        dataset = import_dataset(source, out, format=kind, id="maze-x-v0", choices=answers)
+        dataset = import_dataset(source, out, format=kind, id="maze-x-v0", **vars(answers))
     except SwarmdataError as error:
         event(f"{kind}: {type(error).__name__}")
         assert {path.name for path in out.parent.iterdir()} <= {".out.lock"}

@@ -10,7 +10,6 @@ import pytest
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError
-from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from swarmdata.types import END_REASONS
@@ -72,8 +71,8 @@ def their_leaves(lengths: list[int], cut: list[bool], n_timelines: int = 2) -> d
 
 
 def take_in(path: Path, **answers: Any) -> Dataset:
-    out, choices = path.parents[2] / "out", Choices(**answers)
-    return import_dataset(path, out, format="vault", id="smac_3m-good-v0", choices=choices)
+    out = path.parents[2] / "out"
+    return import_dataset(path, out, format="vault", id="smac_3m-good-v0", **answers)
 
 
 def test_theirs_is_cut_at_ends_of_all_agents(tmp_path: Path) -> None:

@@ -124,6 +124,18 @@ def test_why_an_episode_ended(tmp_path: Path, options: dict[str, Any], expected:
     assert dataset.episodes.success.all() == (expected == "success")
 
 
+def test_rewards_after_an_end_are_named(tmp_path: Path) -> None:
+    class Generous(Counting):
+        def step(self, actions: Any) -> Any:
+            observations, rewards, *rest = super().step(actions)
+            return observations, {"small": 100.0, **rewards}, *rest
+
+    with pytest.warns(UserWarning, match=r"small got the reward 100\.0 after its end") as caught:
+        made = record(Generous(leaves={"small": 2}), tmp_path / "ds")
+    assert len(caught) == 1
+    assert not made[0].rewards[2:, 1].any()
+
+
 @pytest.mark.parametrize("failed", ["small", "big", None])
 def test_an_agent_that_left_early_counts_in_the_outcome(tmp_path: Path, failed: str | None) -> None:
     told = {name: name != failed for name in ("big", "small")}

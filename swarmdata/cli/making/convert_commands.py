@@ -99,16 +99,13 @@ def convert(
     low, high = _bounds(action_bounds)
     if id_ is None:
         raise typer.BadParameter("required with --from", param_hint="--id")
-    from swarmdata.interop.conversion.user_choices import Choices
     from swarmdata.interop.convert import import_dataset
 
-    choices = Choices.of(
+    made = import_dataset(
+        source, target, format=str(from_), id=id_,
+        splits="new" if new_splits else "kept", metadata=parse_settings(note, "--note"),
         time_limit=time_limit, episode_length=episode_length, final=final, unfinished=unfinished,
         agents=agents, action_low=low, action_high=high,
-    )  # fmt: skip
-    made = import_dataset(
-        source, target, format=str(from_), id=id_, choices=choices,
-        splits="new" if new_splits else "kept", metadata=parse_settings(note, "--note"),
     )  # fmt: skip
     typer.echo(f"{made.path}\n{made.n_steps:,} joint steps, digest {made.digest}")
 

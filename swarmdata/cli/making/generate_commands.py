@@ -176,12 +176,26 @@ def _what_to_build(
     is_file = path.suffix in (".json", ".yaml", ".yml")
     if is_file and not path.exists():
         raise typer.BadParameter(f"there is no file {dataset}")
-    recipe = Recipe.from_file(path) if is_file else find_recipe(dataset)
+    recipe = _recipe_of(path) if is_file else find_recipe(dataset)
     if out is None and (is_file or steps is not None):
         raise typer.BadParameter("required for a recipe file and with --steps", param_hint="--out")
     if steps is not None:
         recipe = Recipe.parse({**recipe.model_dump(), "n_steps": steps})
     return recipe, out or dataset_folder(recipe.id), path.parent if is_file else None
+
+
+def _recipe_of(path: Path) -> "Recipe":
+    from swarmdata.errors import SpecError
+    from swarmdata.runtime.documents import read_document
+    from swarmdata.specs.recipe import Recipe
+
+    content = read_document(path)
+    if isinstance(content, dict) and "kind" in content:
+        raise SpecError(
+            f"{path} is of a dataset of the kind {content['kind']!r:.100}, which is not simulated; "
+            "expected a recipe. `swarmdata verify FOLDER --repair` makes edits again"
+        )
+    return Recipe.parse(content, str(path))
 
 
 def _print_built(folder: Path) -> None:

@@ -98,6 +98,14 @@ def _spans(timeline: Timeline, choices: Choices) -> list[Span]:
             "and truncations look the same. Pass time_limit=STEPS, time_limit=0 if there is no "
             "limit, or episode_length=STEPS if all episodes have the same length."
         )
+    cut = timeline.truncations
+    asked = choices.time_limit is None and cut is not None and cut.any()
+    if asked and timeline.terminals[cut].all():
+        raise ConversionError(
+            f"{timeline.name} has a termination wherever it has a truncation, so terminations may "
+            "stand for ends of both kinds. Pass time_limit=0 if they are right, or "
+            "time_limit=STEPS."
+        )
     edges = [0, *_ends(timeline, choices)]
     spans = [_span(timeline, *rows, choices) for rows in pairwise(edges)]
     return spans + _tail(timeline, edges[-1], choices)

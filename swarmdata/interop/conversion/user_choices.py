@@ -1,10 +1,10 @@
 """Choices: what only the user knows about foreign data."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
-from swarmdata.errors import ConversionError
+from swarmdata.errors import ConversionError, UnknownNameError
 
 
 @dataclass(frozen=True)
@@ -50,11 +50,19 @@ class Choices:
             raise ConversionError("; ".join(problems))
 
     @classmethod
-    def of(cls, *, agents: str | None = None, **answers: Any) -> "Choices":
-        """Choices from the command line, where agents are a number or names separated by commas."""
-        if agents is not None and agents.isdecimal():
+    def of(cls, *, agents: Any = None, **answers: Any) -> "Choices":
+        """Choices by name; agents are a number, or names in a list or separated by commas.
+
+        Raises:
+            UnknownNameError: there is no such choice.
+        """
+        names = [each.name for each in fields(cls)]
+        if unknown := answers.keys() - names:
+            raise UnknownNameError("answer about foreign data", min(unknown), names)
+        if isinstance(agents, int) or (isinstance(agents, str) and agents.isdecimal()):
             return cls(n_agents=int(agents), **answers)
-        return cls(agents=None if agents is None else tuple(agents.split(",")), **answers)
+        listed = agents.split(",") if isinstance(agents, str) else agents
+        return cls(agents=None if listed is None else tuple(listed), **answers)
 
     def answered(self) -> dict[str, str]:
         """The answers that were given, for the record."""

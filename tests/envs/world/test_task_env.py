@@ -1,6 +1,7 @@
 """The engine: an episode is one pure function of its seed, on every backend, for every task."""
 
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,6 +80,14 @@ def test_actions_of_another_shape_or_kind_are_refused(actions: NDArray[np.generi
     env.reset(seeds_of(1, 2))
     with pytest.raises(SchemaError, match=r"expected float32 or float64 \[2, 4, 2\] \[E, N, A\]"):
         env.step(actions)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("copies", [[2], [-1], [0, 0], [True, False], [0.5], [[0]]])
+def test_what_is_no_copy_is_not_reset(copies: list[Any]) -> None:
+    env = make_env(TaskSpec(), 2)
+    env.reset(seeds_of(1, 2))
+    with pytest.raises(SchemaError, match="expected different whole numbers below 2, such as np"):
+        env.reset(seeds_of(*range(len(copies))), np.array(copies))
 
 
 def test_a_collision_ends_the_episode_where_the_spec_says_so() -> None:

@@ -9,7 +9,6 @@ import pytest
 import swarmdata
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SchemaError
-from swarmdata.interop.conversion.user_choices import Choices
 from swarmdata.interop.convert import import_dataset
 from swarmdata.interop.export import export_dataset
 from tests.interop.foreign import check_timeline, timeline
@@ -166,7 +165,7 @@ def test_open_trajectories_are_asked_about(tmp_path: Path) -> None:
     def take_in(name: str, **answers: Any) -> Dataset:
         return import_dataset(
             tmp_path / "x", tmp_path / name, format="torchrl", id="tag-theirs-v0",
-            choices=Choices(**answers),
+            **answers,
         )  # fmt: skip
 
     with pytest.raises(ConversionError, match="1 trajectories without an end, such as number 0"):
