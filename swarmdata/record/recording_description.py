@@ -93,9 +93,10 @@ def state_source(
     if wanted != "observations":
         try:
             return "environment", int(np.asarray(env.state()).size)
-        except (NotImplementedError, AttributeError) as error:
-            # AttributeError: a class that only looks like ParallelEnv and has no `state`
-            lacks_state = isinstance(error, NotImplementedError) or not hasattr(env, "state")
+        except (NotImplementedError, AttributeError, TypeError) as error:
+            # what only looks like ParallelEnv has no `state`; that of PettingZoo's rps is a dict
+            state = getattr(getattr(env, "unwrapped", env), "state", None)
+            lacks_state = isinstance(error, NotImplementedError) or not callable(state)
             if wanted == "environment" or not lacks_state:
                 raise SchemaError(f"state() of {env} does not work: {error!r}") from error
     return "observations", sum(width(agent.observation) for agent in reader.agents)

@@ -45,7 +45,7 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
 
 def test_answers_about_an_export_are_refused(source: Path, tmp_path: Path) -> None:
     """It has none of the questions, and would ignore them."""
-    answers = {"episode_length": 10, "time_limit": 5}
+    answers: dict[str, Any] = {"episode_length": 10, "time_limit": 5}
     with pytest.raises(ConversionError, match=r"got time_limit, episode_length as well\. Leave"):
         import_dataset(source, tmp_path / "a", format="d4rl", id="x-back-v1", **answers)
     assert list(tmp_path.iterdir()) == []

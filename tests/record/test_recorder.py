@@ -124,16 +124,11 @@ def test_why_an_episode_ended(tmp_path: Path, options: dict[str, Any], expected:
     assert dataset.episodes.success.all() == (expected == "success")
 
 
-def test_rewards_after_an_end_are_named(tmp_path: Path) -> None:
-    class Generous(Counting):
-        def step(self, actions: Any) -> Any:
-            observations, rewards, *rest = super().step(actions)
-            return observations, {"small": 100.0, **rewards}, *rest
-
-    with pytest.warns(UserWarning, match=r"small got the reward 100\.0 after its end") as caught:
-        made = record(Generous(leaves={"small": 2}), tmp_path / "ds")
-    assert len(caught) == 1
-    assert not made[0].rewards[2:, 1].any()
+def test_a_state_that_is_no_method_is_none(tmp_path: Path) -> None:
+    env = Counting()
+    env.state = {"big": 1}  # type: ignore[assignment, method-assign]
+    spec = spec_of(record(env, tmp_path / "ds"))
+    assert spec.state_from == "observations"
 
 
 @pytest.mark.parametrize("failed", ["small", "big", None])

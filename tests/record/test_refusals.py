@@ -92,7 +92,9 @@ def test_a_choice_that_does_not_exist_is_refused_before_the_step(
 
 
 def test_an_agent_that_is_listed_after_its_end_has_left(tmp_path: Path) -> None:
-    dataset = record(Lingering(length=6), tmp_path / "ds", act=steady)
+    with pytest.warns(UserWarning, match="small got the reward 3.0 after its end") as caught:
+        dataset = record(Lingering(length=6), tmp_path / "ds", act=steady)
+    assert len(caught) == 1
     alive, ends = dataset[0].alive, dataset[0].agent_terminations
     assert alive is not None
     assert ends is not None
