@@ -123,7 +123,7 @@ class CFCQL(LossActorCritic):
         x_next = self.critics.view(batch.next_states, batch.next_observations)
         q_next = self.critics.target_q(x_next, own, others).amin(1)  # [K, B, N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
-        ends = batch.terminations[..., None]
+        ends = self.rewards.ends(batch)
         return td_target(self.rewards(batch.rewards), ends, q_next, self.config.discount)
 
     def next_actions(self, batch: Batch) -> tuple[Tensor, Tensor]:

@@ -16,8 +16,8 @@ Deviations:
 - Whole episodes are kept, ties included, so that D' can be more than the fraction f. The run's
   `min_return` and `n_episodes` say what was kept.
 - The number of updates is that of behavior cloning, though the data are fewer.
-- Observations are normalized with the statistics of the whole train split; in a frame other than the
-  world's, with those of the selected episodes.
+- Observations are normalized with the statistics of the whole train split; in another frame than
+  the world's, with those of the selected episodes.
 - All others of `offline_algos.bc`.
 """
 

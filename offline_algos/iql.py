@@ -172,7 +172,7 @@ class IQL(OfflineLearner):
     def targets(self, batch: Batch) -> Tensor:
         """Returns y of eq. 6, [K, B, N], in units of scaled rewards."""
         v_next = self.values(self.critics.view(batch.next_states, batch.next_observations))
-        ends = batch.terminations[..., None]
+        ends = self.rewards.ends(batch)
         return td_target(self.rewards(batch.rewards), ends, v_next, self.config.discount)
 
     def policy(self, index: int) -> Policy:

@@ -34,6 +34,7 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.critics import RobotView
 from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.presence import robot_ends
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import td_error, td_target
 from swarmdata.learn.training.actor_critic import TRANSITION, robot_critics, value_network
@@ -101,4 +102,4 @@ class IQLCost(IQL):
         """Returns what critics of costs learn, [K, B, N], in events."""
         following = self.cost_values(self.critics.view(steps.next_states, steps.next_observations))
         costs = steps.costs[..., self._columns].sum(-1)
-        return td_target(costs, steps.terminations[..., None], following, self.config.discount)
+        return td_target(costs, robot_ends(steps), following, self.config.discount)

@@ -257,14 +257,14 @@ class MACFlow(OfflineLearner):
         z = normal_like(self.generators, batch.actions)
         a_next = acting(self.copy.actor(self.copy.actor.see_next(view), z), batch.next_alive)
         s_next, o_next = self.normalizer(batch.next_states, batch.next_observations)
-        r, ends, critics = self.rewards(batch.rewards), batch.terminations, self.critics
+        r, critics = self.rewards(batch.rewards), self.critics
         if self.config.reward == "own":
             q_next = critics.agent_values(o_next, a_next, critics.target_utilities).amin(1)
             q_next = q_next.clamp(max=self.rewards.max_value)
-            return td_target(r, ends[..., None], q_next, discount).flatten(1)
+            return td_target(r, self.rewards.ends(batch), q_next, discount).flatten(1)
         q_next = critics.target_q(s_next, o_next, a_next).amin(1)
         q_next = q_next.clamp(max=self.rewards.max_value)
-        return td_target(r[..., 0], ends, q_next, discount)
+        return td_target(r[..., 0], batch.terminations, q_next, discount)
 
     def measure_climb(self, s: Tensor, o: Tensor, actions: Tensor) -> None:
         """Measures how far actors may climb, on actions of the data, [K, B, N, A]; draws noise.

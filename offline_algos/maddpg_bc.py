@@ -145,7 +145,7 @@ class MADDPGBC(TwoStageActorCritic):
         x_next = self.critics.view(batch.next_states, o_next)
         q_next = self.critics.target_q(x_next, a_next).amin(1)  # [K, B, N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
-        ends = batch.terminations[..., None]
+        ends = self.rewards.ends(batch)
         return td_target(self.rewards(batch.rewards), ends, q_next, config.discount)
 
     @torch.no_grad()

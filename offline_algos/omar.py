@@ -131,8 +131,8 @@ class OMAR(LossActorCritic):
         q_next = self.critics.target_q(x_next, a_next)[..., 0].amin(1)  # [K, B N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)
         r = self.rewards(batch.rewards)  # [K, B, N]
-        terminations = batch.terminations[..., None].expand_as(r)
-        return td_target(r.flatten(1), terminations.flatten(1), q_next, self.config.discount)
+        ends = self.rewards.ends(batch).expand_as(r)
+        return td_target(r.flatten(1), ends.flatten(1), q_next, self.config.discount)
 
     def gap(self, x: Tensor, actions: Tensor, q: Tensor) -> Tensor:
         """Returns gap_j, [K, 2], the mean over agents; draws actions.

@@ -43,6 +43,7 @@ from swarmdata.learn.networks.mixers import LinearMixer
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
+from swarmdata.learn.networks.presence import acting
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import cloning_loss, soft_value_loss, td_target, team_reward
@@ -145,6 +146,7 @@ class OMIGA(OfflineLearner):
         """Returns y of `q_loss`, [K, B], in units of scaled rewards."""
         s_next, o_next = self.normalizer(batch.next_states, batch.next_observations)
         values = self.values(o_next, self.target_values)[..., 0]  # [K, B, N]
+        values = acting(values[..., None], batch.next_alive)[..., 0]
         v_next = self.mixer(values, information(s_next, o_next), self.critics.target_mixer)
         r = team_reward(batch.rewards) * self.rewards.scale
         return td_target(r, batch.terminations, v_next, self.config.discount)

@@ -148,7 +148,7 @@ class Oryx(OfflineLearner):
         observations = batch.next_observations[:, :, window].flatten(1, 2)
         v_next = self.values(target, states, observations)
         returns = lambda_returns(
-            rewards, batch.terminations[:, :, window], v_next.view(rewards.shape), mask,
+            rewards, self.rewards.ends(batch)[:, :, window], v_next.view(rewards.shape), mask,
             config.discount, config.trace_decay,
         )  # fmt: skip
         return take(returns, learned_rows(mask, config.window))
@@ -169,7 +169,7 @@ class Oryx(OfflineLearner):
 
 def lambda_returns(
     rewards: Tensor,
-    terminations: Tensor,
+    ends: Tensor,
     next_values: Tensor,
     mask: Tensor,
     discount: float,
@@ -177,10 +177,10 @@ def lambda_returns(
 ) -> Tensor:
     """Returns G_t of the steps of windows, [K, B, L, N]; the last of a window bootstraps alone.
 
-    Rewards, and V' of the states reached, are [K, B, L, N], terminations [K, B, L]; the mask, [K,
+    Rewards, and V' of the states reached, are [K, B, L, N], ends [K, B, L, N or 1]; the mask, [K,
     B, L], is False on padding. `trace_decay` is lambda.
     """
-    goes_on = discount * (~terminations)[..., None]
+    goes_on = discount * (~ends)
     following, found = next_values[:, :, -1], []
     for t in range(rewards.shape[2] - 1, -1, -1):
         v = next_values[:, :, t]

@@ -248,8 +248,8 @@ class Algorithm(Protocol):
     """Updates K policies, one per seed, from batches of recorded data.
 
     `Kind.FIELDS` may name the fields of `Batch` that `update` reads: the others, but for `mask`,
-    `alive` and `next_alive`, are not gathered and are None. A class that does not name them itself
-    gets all.
+    `alive`, `next_alive` and `agent_terminations`, are not gathered and are None. A class that does
+    not name them itself gets all.
     """
 
     def update(self, batch: Batch) -> dict[str, Any]:

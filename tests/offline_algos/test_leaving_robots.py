@@ -1,4 +1,4 @@
-"""No algorithm learns from rows of agents that have left."""
+"""Actors do not learn from rows of agents that have left, and values end where an agent does."""
 
 from pathlib import Path
 from typing import Any, ClassVar
@@ -53,16 +53,40 @@ class Leaving(ParallelEnv):  # type: ignore[misc]
         return seen, rewards, ends, cuts, {name: {} for name in seen}
 
 
-def recorded(folder: Path, space: Box | Discrete) -> swarmdata.Dataset:
-    rng = np.random.default_rng(0)
-    with swarmdata.Recorder(Leaving(space), id="leaving_v0-mine-v0", path=folder) as recorder:
-        for _ in range(40):
+class Tempting(Leaving):
+    """Whoever begins below 0 leaves at once with a reward of 2; others get 1 in each of 10 steps.
+
+    What an agent sees where it leaves looks like what others see later.
+    """
+
+    def see(self) -> dict[str, Any]:
+        return {name: np.array([self.time == 0, 0], np.float32) for name in self.agents}
+
+    def step(self, actions: dict[str, Any]) -> Any:
+        self.time += 1
+        for name, action in actions.items():
+            self.taken[name].append(float(np.ravel(action)[0]))
+        tempted = {name: self.time == 1 and self.taken[name][-1] < 0 for name in actions}
+        ends = {name: name == "second" and tempted[name] for name in actions}
+        rewards = {name: 2.0 if ends[name] else 1.0 for name in actions}
+        cuts = dict.fromkeys(actions, self.time == 10)
+        seen = self.see()
+        self.agents = [name for name in self.agents if not (ends[name] or cuts[name])]
+        return seen, rewards, ends, cuts, {name: {} for name in seen}
+
+
+def recorded(
+    folder: Path, space: Box | Discrete, kind: type[Leaving] = Leaving, spread: float = 0.05
+) -> swarmdata.Dataset:
+    rng, mean = np.random.default_rng(0), GOOD if kind is Leaving else 0.0
+    with swarmdata.Recorder(kind(space), id="leaving_v0-mine-v0", path=folder) as recorder:
+        for _ in range(40 if kind is Leaving else 100):
             recorder.reset()
             while recorder.agents:
                 if isinstance(space, Discrete):
                     recorder.step(dict.fromkeys(recorder.agents, 2))
                     continue
-                drawn = {name: rng.normal(GOOD, 0.05, 1) for name in recorder.agents}
+                drawn = {name: rng.normal(mean, spread, 1) for name in recorder.agents}
                 recorder.step({k: v.clip(-1, 1).astype(np.float32) for k, v in drawn.items()})
     return recorder.close()
 
@@ -113,6 +137,17 @@ def test_neither_do_those_that_choose(
     data = recorded(tmp_path / "data", Discrete(3))
     env = Leaving(Discrete(3))
     assert played(algorithm, data, tmp_path / "run", env, **changes) == pytest.approx(2, abs=0.2)
+
+
+@pytest.mark.parametrize(
+    "algorithm", ["iql", *slow("maddpg_bc", "matd3", "cfcql", "omar", "omiga", "oryx", "mac_flow")]
+)
+def test_a_value_ends_with_the_agent(algorithm: str, tmp_path: Path) -> None:
+    data = recorded(tmp_path / "data", Box(-1, 1, (1,), np.float32), Tempting, spread=0.6)
+    env = Tempting(Box(-1, 1, (1,), np.float32))
+    weak = {"cql_weight": 0.1} if algorithm == "cfcql" else {}
+    played(algorithm, data, tmp_path / "run", env, n_updates=800, **weak)
+    assert len(env.taken["second"]) == 8 * 10, "it stays"
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ SMALL: dict[str, Any] = {
 def test_returns_of_a_window_by_hand() -> None:
     """A termination ends the sum, padding hands over to the value network, lambda mixes them."""
     rewards = torch.tensor([[[1.0], [2.0], [4.0]], [[1.0], [2.0], [4.0]]])[None]  # [1, 2, 3, 1]
-    ends = torch.tensor([[[False, False, True], [False, False, False]]])
+    ends = torch.tensor([[[False, False, True], [False, False, False]]])[..., None]
     v = torch.tensor([[[10.0], [20.0], [30.0]], [[10.0], [20.0], [30.0]]])[None]
     mask = torch.tensor([[[True, True, True], [True, True, False]]])
     found = lambda_returns(rewards, ends, v, mask, discount=0.5, trace_decay=0.75)[0, ..., 0]

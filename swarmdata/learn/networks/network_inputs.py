@@ -8,8 +8,9 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.presence import robot_ends
 from swarmdata.numerics.random import derive
-from swarmdata.types import Double
+from swarmdata.types import Batch, Double
 
 
 def standardize(values: Tensor, mean: Tensor, std: Tensor) -> Tensor:
@@ -131,3 +132,7 @@ class RobotRewards:
         if not self._is_own:
             rewards = rewards.mean(-1, keepdim=True).expand_as(rewards)
         return rewards * self.scale
+
+    def ends(self, batch: Batch) -> Tensor:
+        """Returns after which steps no rewards follow, bool [K, B, N] or [K, B, 1]."""
+        return robot_ends(batch) if self._is_own else batch.terminations[..., None]

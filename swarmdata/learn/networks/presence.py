@@ -1,10 +1,16 @@
 """Agents that have left an episode: they choose nothing, and no actor learns from their rows.
 
-Critics do learn from them, that an agent which has left is worth nothing more.
+Critics do learn from them, that an agent which has left is worth nothing more: its own return ends
+with its own termination, though it still observes what it has reached (`robot_ends`).
 """
 
 import torch
 from torch import Tensor
+
+from swarmdata.types import Batch
+
+PRESENCE = ("alive", "next_alive", "agent_terminations")
+"""Fields of a batch that say who is there, and who leaves."""
 
 
 def acting(actions: Tensor, alive: Tensor | None) -> Tensor:
@@ -13,6 +19,17 @@ def acting(actions: Tensor, alive: Tensor | None) -> Tensor:
     `alive`, [..., N], is None where agents cannot leave.
     """
     return actions if alive is None else actions * alive[..., None]
+
+
+def robot_ends(batch: Batch) -> Tensor:
+    """Returns after which steps a robot gets no reward of its own, bool [..., N] or [..., 1].
+
+    Those are the terminations of the team and its own ones, and steps in which it is absent.
+    """
+    ends: Tensor = batch.terminations[..., None]
+    if batch.alive is None:
+        return ends
+    return ends | batch.agent_terminations | ~batch.alive
 
 
 def agent_mean(errors: Tensor, alive: Tensor | None) -> Tensor:

@@ -17,6 +17,7 @@ from swarmdata.interfaces import Policy, fields_of
 from swarmdata.learn.memory.memory_settings import MemorySettings, WindowSettings
 from swarmdata.learn.networks.compilation import Compilation, compiling, has_compilable, uncompiled
 from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.presence import PRESENCE
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.training.run import Run, Table, claimed, versions
 from swarmdata.learn.training.run_files import CURVE, LOSSES
@@ -234,7 +235,7 @@ class _Trainer:
         self.run, self.samplers, self.statistics = run, samplers, statistics
         self.keep, self.report = keep, report
         named = fields_of(kind)
-        self.wanted = None if named is None else {*named, "alive", "next_alive"}
+        self.wanted = None if named is None else {*named, *PRESENCE}
         self.algorithm = run.description.build(statistics, run.description.device)
         if run.has_checkpoint:
             is_compact = run.metadata.get(COMPACT, False)
