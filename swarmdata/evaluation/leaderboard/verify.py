@@ -160,6 +160,11 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
                 f"the result of {file} is not of the task of {description.dataset} "
                 f"on its first {n_episodes} reserved episodes"
             )
+    if len(found) != len(description.policies):
+        raise SchemaError(
+            f"{RESULTS} has {len(found)} results of {len(description.policies)} policies, expected "
+            "one of each"
+        )
     return [by_content[content] for content in description.policies]
 
 

@@ -255,9 +255,10 @@ def _sorted(rows: Sequence[RankedPolicy], by: Criterion) -> tuple[RankedPolicy, 
     """Sorts the best first; policies without the criterion come last."""
     keys = [_oriented(row, by) for row in rows]
     if all(key is None for key in keys):
+        algorithms = sorted({row.algorithm for row in rows})
         raise SchemaError(
-            f"no policy here has a {CRITERIA[by][0]}: {sorted({row.algorithm for row in rows})} "
-            "have no critics. Rank by another criterion."
+            f"no policy here has a {CRITERIA[by][0]}: {algorithms} do not measure it. Rank by "
+            "another criterion."
         )
     order = sorted(range(len(rows)), key=lambda k: np.inf if keys[k] is None else -keys[k])  # type: ignore[operator]
     return tuple(rows[k] for k in order)

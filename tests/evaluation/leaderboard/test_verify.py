@@ -208,6 +208,13 @@ def test_copies_of_one_policy_in_other_files_are_rejected(tmp_path: Path) -> Non
     assert "its policies 0 and 1 end 100% of the episodes with the same metrics" in reason
 
 
+def test_two_results_of_a_policy_are_rejected(forged: Path) -> None:
+    (first, *_) = sorted((forged / "results").iterdir())
+    (forged / "results" / "00.json").write_bytes(first.read_bytes())
+    (reason,) = verify(forged, n_episodes=N_EPISODES).reasons
+    assert "results has 6 results of 5 policies, expected one of each" in reason
+
+
 def test_wrong_files_are_rejected(forged: Path) -> None:
     (forged / "setup.py").write_text("print()")
     (forged / policy_name(1)).write_bytes((forged / policy_name(2)).read_bytes())
