@@ -32,6 +32,17 @@ def test_targets_of_two_episodes_are_exact(monkeypatch: pytest.MonkeyPatch) -> N
         algorithm = made(IQL, discount=0.5, changes=scales, critic="centralized", reward=reward)
         monkeypatch.setattr(algorithm, "values", value)
         torch.testing.assert_close(algorithm.targets(batch), torch.tensor([expected]))
+        # robot 0 ends with its first step in episode 2, and is absent in the next one
+        there, leaves = (
+            torch.ones(1, 4, 2, dtype=torch.bool),
+            torch.zeros(1, 4, 2, dtype=torch.bool),
+        )
+        there[0, 3, 0], leaves[0, 2, 0] = False, True
+        left = replace(batch, alive=there, next_alive=there, agent_terminations=leaves)
+        ended = torch.tensor([expected])
+        if reward == "own":
+            ended[0, 2:, 0] = torch.tensor([0.5, 2.5])
+        torch.testing.assert_close(algorithm.targets(left), ended)
 
 
 @pytest.mark.parametrize("kind", [IQL, OMIGA])
