@@ -39,6 +39,7 @@ Deviations:
 - training may start from other policies (`start`, or an offline run) or from a clone of a teacher;
   then only the critic learns at first (`critic_warmup_fraction`), since the advantages of an
   untrained critic would undo the clone. Recorded data are not mixed in;
+- the actors rest in the first update, whose advantages are of a critic that knows nothing;
 - the actor's and the critic's gradients are clipped separately.
 """
 
