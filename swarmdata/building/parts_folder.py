@@ -82,7 +82,7 @@ class Parts:
         if changed := dict(made_by.items() ^ code.items()):
             raise RecipeConflictError(
                 f"{self.folder} holds parts that were made before the {min(changed)} changed. "
-                "Remove it to make them anew, or build in another folder."
+                "Move it away to make them anew, or build in another folder."
             )
 
     @property

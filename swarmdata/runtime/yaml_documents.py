@@ -152,10 +152,6 @@ def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:
     if kind in ("int", "float") and len(text) > MAX_DIGITS:
         problem = f"a number of {len(text)} characters, expected at most {MAX_DIGITS}"
         raise _error(problem, node.start_mark, path)
-    if kind in _PLAIN and not _PLAIN[kind].fullmatch(text):
-        problem = f"{text!r:.99}, which versions of YAML read differently, expected true, false or "
-        problem += "a decimal number without colons and leading zeros; text stands in quotes"
-        raise _error(problem, node.start_mark, path)
     construct = getattr(_SCALARS, f"construct_yaml_{kind}")
     try:
         value = construct(node)
@@ -164,6 +160,10 @@ def _scalar(node: yaml.ScalarNode, kind: str, path: tuple[str, ...]) -> Any:
     except (ValueError, KeyError, IndexError, OverflowError) as error:
         problem = f"{text!r:.100} is no {_KINDS[kind]}"
         raise _error(problem, node.start_mark, path) from error
+    if kind in _PLAIN and not _PLAIN[kind].fullmatch(text):
+        problem = f"{text!r:.99}, which versions of YAML read differently, expected true, false or "
+        problem += "a decimal number without colons and leading zeros; text stands in quotes"
+        raise _error(problem, node.start_mark, path)
     if kind == "int" and abs(value) > MAX_INTEGER:
         raise _error(
             f"the whole number {text:.100}, expected at most 2**64 - 1", node.start_mark, path

@@ -280,13 +280,17 @@ def make_policy(
     task = find_spec(spec)
     if name in POLICIES:
         return make_registered(str(name), task, **options)
+    return _policy_of_tier(str(name), task, seed, side)
+
+
+def _policy_of_tier(name: str, task: TaskSpec, seed: int, side: str | None) -> Policy:
+    """One of the policies of a tier, of all sides or of one."""
     played: TaskSpec | SideSpec = task
     if side is None:
-        sources = of_tier(str(name), task)
+        sources = of_tier(name, task)
     else:
         task.side(side)
-        sources = tier_of_side(str(name), side, task)
-        played = SideSpec(whole=task, side=side)
+        sources, played = tier_of_side(name, side, task), SideSpec(whole=task, side=side)
     if not 0 <= seed < len(sources):
         raise SpecError(f"{name} has the seeds 0 to {len(sources) - 1}, got seed {seed}")
     return make_source_policy(sources[seed], played)
