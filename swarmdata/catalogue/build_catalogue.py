@@ -99,7 +99,7 @@ def build_catalogue(
         names, failures, workers=choices.workers, with_published=choices.published
     )
     failures.n_items = len(entries) + len(failures.reasons) + len(own) + len(verified)
-    committed, verified = _compared(entries, verified, all_committed=choices.published)
+    committed, verified = _compared(entries, own, verified, all_committed=choices.published)
     if lacking := studies_without_episodes():
         note(
             f"{len(lacking)} committed studies are shown without pages of their episodes, which "
@@ -125,15 +125,20 @@ def build_catalogue(
 
 
 def _compared(
-    entries: Sequence[Entry], verified: Sequence[ResultSource], *, all_committed: bool
+    entries: Sequence[Entry],
+    own: Sequence[ResultSource],
+    verified: Sequence[ResultSource],
+    *,
+    all_committed: bool,
 ) -> tuple[list[ResultSource], list[ResultSource]]:
     """The committed results that are shown, and the verified entries compared with the zoo."""
     shown = {entry.id for entry in entries}
+    beside = {each.dataset.partition("@")[0] for source in own for each in source.outcomes}
     entered = {outcome.dataset for source in verified for outcome in source.outcomes}
-    committed = committed_sources(None if all_committed else shown | entered)
+    committed = committed_sources(None if all_committed else shown | beside | entered)
     compared = with_differences(verified, committed)
     if not all_committed:
-        committed = results_on(committed, shown, {entry.full_id for entry in entries})
+        committed = results_on(committed, shown, beside | {entry.full_id for entry in entries})
     return committed, compared
 
 

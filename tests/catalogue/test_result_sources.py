@@ -8,6 +8,7 @@ import pytest
 from swarmdata.cards.committed_studies import read_studies
 from swarmdata.catalogue import result_sources
 from swarmdata.catalogue.boards import boards
+from swarmdata.catalogue.build_catalogue import _compared
 from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.result_sources import (
     Outcome,
@@ -237,3 +238,11 @@ def test_entries_are_compared_with_the_best_run_of_the_zoo() -> None:
 
 def source_of(*outcomes: Outcome) -> ResultSource:
     return ResultSource("Some", "some", outcomes, {})
+
+
+def test_studies_are_beside_own_results_on_datasets_without_a_page() -> None:
+    name = "search-expert-v1"
+    own = results_on(committed_sources({name}), {name})
+    committed, _ = _compared([], own, [], all_committed=False)
+    assert {each.dataset for source in committed for each in source.outcomes} == {name}
+    assert _compared([], [], [], all_committed=False) == ([], [])
