@@ -2,8 +2,8 @@
 
 Sturtevant, "Benchmarks for grid-based pathfinding", IEEE Transactions on Computational Intelligence
 and AI in Games 2012: a head of four lines (`type`, `height`, `width`, `map`), then a line of
-characters for each row. `.` and `G` are ground, `S` is a swamp that can be crossed; all others
-(`@`, `O`, `T`, `W`) are walls here.
+characters for each row. `.` and `G` are ground, `S` is a swamp that can be crossed; `@`, `O`, `T`
+and `W` are walls here.
 """
 
 import math
@@ -15,7 +15,7 @@ from swarmdata.errors import SpecError
 from swarmdata.runtime.documents import MAX_JSON_BYTES
 from swarmdata.runtime.regular_files import read_regular
 
-FREE = ".GS"
+FREE, WALLS = ".GS", "@OTW"
 
 CELL = 0.7  # m, side of a cell, unless the spec says another
 
@@ -54,6 +54,13 @@ def read_map(path: Path) -> tuple[str, ...]:
         )
     if len(rows) != size[0]:
         raise SpecError(f"{path} has {len(rows)} rows, expected {size[0]}, as its head says")
+    for k, row in enumerate(rows):
+        for c, cell in enumerate(row):
+            if cell not in FREE + WALLS:
+                raise SpecError(
+                    f"{path}: line {k + 5}, column {c + 1} is {cell!r}, expected one of "
+                    f"{FREE + WALLS}"
+                )
     return tuple("".join("." if cell in FREE else "@" for cell in row) for row in rows)
 
 
@@ -64,13 +71,15 @@ def with_map(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     the map is relative to `folder`.
 
     Raises:
-        OSError: the map cannot be read.
-        SpecError: it is no map, or the document has an arrangement, an arena or obstacles.
+        SpecError: the map cannot be read or is none, or the document is of another task, or has an
+            arrangement, an arena or obstacles.
     """
     spec = dict(document)
     name, cell = spec.pop("map"), spec.pop("cell", CELL)
     rules = {"task": "coop_nav", **(spec.pop("rules", None) or {})}
     taken = [key for key in ("arena", "obstacles") if key in spec]
+    if rules["task"] != "coop_nav":
+        raise SpecError(f"a spec with a map is of coop_nav, got the task {rules['task']!r:.100}")
     if "arrangement" in rules or taken:
         raise SpecError(
             f"a spec with a map has {' and '.join(taken) or 'an arrangement'}, which the map "
@@ -78,7 +87,10 @@ def with_map(document: Mapping[str, Any], folder: Path) -> dict[str, Any]:
         )
     if not isinstance(name, str) or isinstance(cell, bool) or not isinstance(cell, int | float):
         raise SpecError(f"map is {name!r} and cell {cell!r}, expected a file's name and metres")
-    rows = read_map(folder / name)
+    try:
+        rows = read_map(folder / name)
+    except OSError as error:
+        raise SpecError(f"the map {folder / name} cannot be read: {error}") from error
     width, height = (round(cell * n, 6) for n in (len(rows[0]), len(rows)))
     arrangement = {"kind": "map", "rows": rows, "cell": cell}
     nothing = dict.fromkeys(("circles", "boxes", "corners", "pockets"), 0)

@@ -37,7 +37,9 @@ def test_other_fields_are_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spec", "content", "words"),
     [
-        ("map: y.map\n", MAP, "cannot read a spec from"),
+        ("map: y.map\n", MAP, r"the map .*y\.map cannot be read"),
+        ("map: x.map\n", MAP.replace("T", "x"), "line 5, column 3 is 'x', expected one of"),
+        ("map: x.map\nrules: {task: search}\n", MAP, "is of coop_nav, got the task 'search'"),
         ("map: 3\n", MAP, "map is 3"),
         ("map: x.map\ncell: wide\n", MAP, "cell 'wide'"),
         ("map: x.map\narena: {width: 3}\n", MAP, "has arena"),

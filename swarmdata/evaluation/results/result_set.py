@@ -254,14 +254,18 @@ def case_order(case: Case) -> tuple[str, int, float, str]:
 def reference_of(spec: Spec) -> Reference | None:
     """Returns the reference of the score: of the spec, else of the headline spec of its world.
 
-    Policies that observe less, act in another simulator or with randomization are on the scale of
-    the headline spec, so that the loss is visible. A side is on the scale of its references against
+    Policies that observe less, act in another simulator, on wheels or with randomization are on the
+    scale of the headline spec, so that the loss is visible. A side is on the scale of its references against
     the same opponents.
     """
     task = spec.whole if isinstance(spec, SideSpec) else spec.world
     if task is None:
         return None
-    usual = with_models(task, backend="pymunk", randomization={})
+    robots = [role.robot.model_copy(update={"base": "planar"}) for role in task.team]
+    pairs = zip(task.team, robots, strict=True)
+    team = tuple(role.model_copy(update={"robot": robot}) for role, robot in pairs)
+    planar = task.model_copy(update={"team": team})
+    usual = with_models(planar, backend="pymunk", randomization={})
     worlds = [task, usual, *(each for each in FAMILY_SPECS.values() if is_same_world(each, usual))]
     sides = isinstance(spec, SideSpec)
     measured = (spec.model_copy(update={"whole": each}) if sides else each for each in worlds)

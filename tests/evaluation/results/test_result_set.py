@@ -12,7 +12,7 @@ from swarmdata.evaluation.results.result_files import Result, save_result
 from swarmdata.evaluation.results.result_set import group_results, read_results, reference_of
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.learn.training.run_files import run_hash
-from swarmdata.registry.presets import preset
+from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import published
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
@@ -99,6 +99,13 @@ def test_worlds_without_references_have_no_score() -> None:
 
 
 @pytest.mark.slow
+def test_every_preset_can_be_scored_or_has_no_score() -> None:
+    found = {name: reference_of(preset(name)) for name in preset_names()}
+    assert found["coop_nav-wheeled"] is not None
+    planar = preset("coop_nav-wheeled").with_updates(team=preset("coop_nav-unicycle").team)
+    assert reference_of(planar) == reference_of(preset("coop_nav-unicycle"))
+
+
 def test_the_mean_of_an_own_dataset_is_read_from_its_files(tmp_path: Path) -> None:
     from swarmdata.store import read_manifest
 
