@@ -255,8 +255,8 @@ def reference_of(spec: Spec) -> Reference | None:
     """Returns the reference of the score: of the spec, else of the headline spec of its world.
 
     Policies that observe less, act in another simulator, on wheels or with randomization are on the
-    scale of the headline spec, so that the loss is visible. A side is on the scale of its references against
-    the same opponents.
+    scale of the headline spec, so that the loss is visible. A side is on the scale of its
+    references against the same opponents.
     """
     task = spec.whole if isinstance(spec, SideSpec) else spec.world
     if task is None:
