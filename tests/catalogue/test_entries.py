@@ -1,15 +1,19 @@
 """What entries say of datasets: sizes together, gaps where measured, costs as on the cards."""
 
+from html import unescape
 from importlib.resources import files
 from pathlib import Path
 
+import pytest
+
+import swarmdata
 from swarmdata.catalogue.entries import collisions_on, find_entries, in_sizes
 from swarmdata.catalogue.pages.getting import get_part
 from swarmdata.hub.catalog.listing import list_datasets
 from swarmdata.registry.published import license_of, published, references
 from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import little_published
-from tests.support.tiny import TINY
+from tests.support.tiny import TINY, make_tiny
 
 
 def test_a_dataset_and_its_mini_are_one(shown: dict[str, Path]) -> None:
@@ -59,3 +63,13 @@ def test_every_published_card_states_its_collisions() -> None:
         assert min(found) >= 0
     assert len(published()) == len(list_datasets())
     assert collisions_on("# a card without statistics") is None
+
+
+def test_a_dataset_in_a_folder_is_loaded_from_beside_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = make_tiny(tmp_path / "mine")
+    (entry,) = find_entries([str(folder)], Failures(1), with_published=False)
+    assert 'swarmdata.load("./mine")' in unescape(str(get_part(entry, entry.spec)))
+    monkeypatch.chdir(tmp_path)
+    assert swarmdata.load("./mine").digest == entry.digest

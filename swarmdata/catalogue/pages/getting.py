@@ -137,12 +137,15 @@ def _citation(entry: Entry) -> Html:
 
 
 def _name_to_load(entry: Entry) -> str:
-    """What `load` takes: the id of a published or cached dataset, else an address or a folder."""
+    """What `load` takes: the id of a published or cached dataset, else an address or a folder.
+
+    Of a folder, its place is not told: it is named as from the folder above it.
+    """
     dataset = entry.dataset
     is_cached = dataset is not None and dataset.path == cache_folder() / "datasets" / entry.id
     if dataset is None or is_cached or dataset.source in ("cache", "rebuilt"):
         return entry.id
-    return dataset.path.resolve().name if dataset.source == "folder" else dataset.source
+    return f"./{dataset.path.resolve().name}" if dataset.source == "folder" else dataset.source
 
 
 def _is_learned(entry: Entry) -> bool:
