@@ -141,7 +141,8 @@ def test_neither_do_those_that_choose(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "algorithm", ["iql", "maddpg_bc", "matd3", "cfcql", "omar", "omiga", "oryx", "mac_flow"]
+    "algorithm",
+    ["iql", "maddpg_bc", "matd3", "cfcql", "omar", "omiga", "oryx", "mac_flow", "facmac_bc", "vdn"],
 )
 def test_a_value_ends_with_the_agent(algorithm: str, tmp_path: Path) -> None:
     data = recorded(tmp_path / "data", Box(-1, 1, (1,), np.float32), Tempting, spread=0.6)

@@ -14,7 +14,7 @@ PRESENCE = ("alive", "next_alive", "agent_terminations")
 
 
 def acting(actions: Tensor, alive: Tensor | None) -> Tensor:
-    """Returns actions [..., N, A], 0 and without a gradient for agents that have left.
+    """Returns what agents do, see or are worth, [..., N, A], 0 and without a gradient where absent.
 
     `alive`, [..., N], is None where agents cannot leave.
     """
