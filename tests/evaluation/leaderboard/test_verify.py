@@ -208,9 +208,12 @@ def test_copies_of_one_policy_in_other_files_are_rejected(tmp_path: Path) -> Non
     assert "its policies 0 and 1 end 100% of the episodes with the same metrics" in reason
 
 
-def test_two_results_of_a_policy_are_rejected(forged: Path) -> None:
+@pytest.mark.parametrize("content", [r"\g<0>", '"content":null'])
+def test_further_results_are_rejected(forged: Path, content: str) -> None:
+    """A second one of a policy, or one of nobody."""
     (first, *_) = sorted((forged / "results").iterdir())
-    (forged / "results" / "00.json").write_bytes(first.read_bytes())
+    text = re.sub(r'"content":"\w+"', content, first.read_text())
+    (forged / "results" / "00.json").write_text(text)
     (reason,) = verify(forged, n_episodes=N_EPISODES).reasons
     assert "results has 6 results of 5 policies, expected one of each" in reason
 
@@ -347,9 +350,6 @@ def test_the_catalogue_shows_what_was_evaluated_and_names_rejected_entries(
     metrics = [load_result(file).evaluation.metrics for file in (honest / "results").iterdir()]
     hidden = {"path_length": lambda old: [old[0] + 1e-9, *old[1:]]}  # as if rounded
     change_result(tmp_path / "good", 2, **hidden, **{"return": with_first(9000.0)})
-    file = next((tmp_path / "good" / "results").iterdir())
-    other = file.read_text().replace('"mine"', '"other"')
-    file.with_name("other.json").write_text(re.sub(r'"content":"\w+"', '"content":null', other))
     short = partial(verify, n_episodes=N_EPISODES)
     monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.verify", short)
     failures = Failures(1)
