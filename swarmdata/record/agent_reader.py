@@ -174,8 +174,9 @@ class Presence:
         self.gone = (self.gone | ended) & listed
         self.alive = listed & ~self.gone
         found = _successes(infos)
-        own = {name: found[name] for name in compress(self.reader.names, ended) if name in found}
-        self.successes |= own if self.alive.any() else {**found, **self.successes, **own}
+        self.successes |= {n: found[n] for n in compress(self.reader.names, ended) if n in found}
+        if not self.alive.any():  # infos may be of others than agents, too
+            self.successes = found | self.successes
         return self.alive
 
     @property

@@ -7,6 +7,7 @@ and `W` are walls here.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,8 @@ from swarmdata.runtime.documents import MAX_JSON_BYTES
 from swarmdata.runtime.regular_files import read_regular
 
 FREE, WALLS = ".GS", "@OTW"
+
+_OTHER = re.compile(f"[^{FREE}{WALLS}]")
 
 CELL = 0.7  # m, side of a cell, unless the spec says another
 
@@ -55,12 +58,11 @@ def read_map(path: Path) -> tuple[str, ...]:
     if len(rows) != size[0]:
         raise SpecError(f"{path} has {len(rows)} rows, expected {size[0]}, as its head says")
     for k, row in enumerate(rows):
-        for c, cell in enumerate(row):
-            if cell not in FREE + WALLS:
-                raise SpecError(
-                    f"{path}: line {k + 5}, column {c + 1} is {cell!r}, expected one of "
-                    f"{FREE + WALLS}"
-                )
+        if (other := _OTHER.search(row)) is not None:
+            raise SpecError(
+                f"{path}: line {k + 5}, column {other.start() + 1} is {other[0]!r}, expected one "
+                f"of {FREE}{WALLS}"
+            )
     return tuple("".join("." if cell in FREE else "@" for cell in row) for row in rows)
 
 
