@@ -33,7 +33,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.factored_critics import FactoredCritics
-from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
+from swarmdata.learn.networks.mixers import MIXER_NEEDS, MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards
 from swarmdata.learn.networks.presence import acting
 from swarmdata.learn.networks.setup import Setup
@@ -55,6 +55,8 @@ from swarmdata.types import Batch
 @dataclass(frozen=True)
 class FACMACBCConfig(TwoStageConfig):
     """FACMAC with an imitation term; one setting for all datasets."""
+
+    NEEDS: ClassVar = MIXER_NEEDS
 
     rl_weight: float = 0.6  # alpha, see the deviations above
     mixer: MixerKind = "monotonic"  # see the deviations above

@@ -62,7 +62,7 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.flows.one_step_actor import Distillation, FlowSettings, StudentView
 from swarmdata.learn.networks.factored_critics import FactoredCritics
-from swarmdata.learn.networks.mixers import MixerKind, chosen_mixer
+from swarmdata.learn.networks.mixers import MIXER_NEEDS, MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import (
     Normalizer,
     Reward,
@@ -97,6 +97,8 @@ N_DRAWS = 4
 @dataclass(frozen=True)
 class MACFlowConfig(FlowSettings, ActorCriticConfig):
     """A joint flow, its students and factored critics; one setting for all datasets."""
+
+    NEEDS: ClassVar = MIXER_NEEDS
 
     critic_share: float = 0.65  # see the deviations above
     inverse_temperature: float = 2.0  # as `maddpg_bc`; 0 only copies the flow

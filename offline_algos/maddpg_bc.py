@@ -70,6 +70,7 @@ from swarmdata.learn.policies.trained import actor_policy
 from swarmdata.learn.training.actor_critic import (
     ACTOR_CRITIC_SPACE,
     EXTRACTION_LOSSES,
+    SECOND_STAGES,
     TRANSITION,
     Extraction,
     TwoStageActorCritic,
@@ -85,6 +86,12 @@ from swarmdata.types import Batch
 @dataclass(frozen=True)
 class MADDPGBCConfig(TwoStageConfig):
     """TD3+BC with a critic for each robot, and its second stage; one setting for all datasets."""
+
+    NEEDS: ClassVar = {
+        "rl_weight": ("extraction", ("joint",)),
+        "first_rl_weight": ("extraction", SECOND_STAGES),
+        "joint_gradient": ("critic", ("centralized",)),
+    }
 
     extraction: Extraction = "anchored"
     extraction_share: float = 0.33

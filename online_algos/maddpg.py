@@ -33,7 +33,7 @@ Deviations:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import torch
 from torch import Tensor
@@ -94,6 +94,11 @@ NOISE_STREAM = 2
 @dataclass(frozen=True)
 class MADDPGConfig(ReplaySettings):
     """Settings of MADDPG."""
+
+    NEEDS: ClassVar = {
+        **dict.fromkeys(("policy_delay", "smoothing", "smoothing_clip"), ("corrections", ("td3",))),
+        "joint_gradient": ("critic", ("centralized",)),
+    }
 
     n_gradient_steps: int = 2
     batch_size: int = 256

@@ -47,6 +47,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import torch
@@ -85,6 +86,11 @@ from swarmdata.types import Bool, Float, copy_step
 @dataclass(frozen=True)
 class MAPPOConfig:
     """Hyperparameters; steps are joint steps of one seed's worlds."""
+
+    NEEDS: ClassVar = {
+        **dict.fromkeys(("memory_size", "window"), ("memory", ("gru",))),
+        "final_std": ("learned_std", (False,)),
+    }
 
     n_steps: int = 2_000_000
     n_copies: int = 64  # for each seed

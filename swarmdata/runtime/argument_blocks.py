@@ -5,7 +5,7 @@ For each array from Python numba takes 60 ns, and a small world has dozens; here
 
 from collections.abc import Iterator
 from itertools import count
-from typing import Annotated, Any, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, NoReturn, get_args, get_origin, get_type_hints
 
 import numba
 import numpy as np
@@ -14,6 +14,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
 
+from swarmdata.errors import SchemaError
 from swarmdata.types import Bool, Double, Float, Int
 
 _SCALARS = {bool: types.boolean, int: types.int64, float: types.float64}
@@ -59,6 +60,14 @@ class ArgumentBlock:
         ]
         # of each array its address and shape, of each number its bits
         self.packed: Int = np.array(words, dtype=np.int64)
+
+    def __reduce__(self) -> NoReturn:
+        """Refuses `copy` and `pickle`: a copy would hold the addresses of this one's arrays."""
+        raise SchemaError(
+            "environments, and policies that compute in compiled code, cannot be copied or "
+            "pickled: they hold addresses in memory. Make another one instead; an environment "
+            "that is reset with the same seeds and takes the same actions gets to the same state."
+        )
 
 
 def _words(name: str, value: Any, expected: types.Type) -> Iterator[int]:

@@ -126,20 +126,20 @@ def find_target(
     )  # fmt: skip
     if (run := find_run(name)) is not None:
         return _run_target(open_run(run), side, opponents, task, choose)
-    is_registered = name in checkpoint_free_policies()
-    if not is_registered and name not in TRAINED_TIERS:
-        _refuse_sides(name, side, opponents)
     if is_dataset(name):
+        _refuse_sides(name, side, opponents)
         check_no_task(name, task)
         return _recorded_target(name, find_recipe(name), choose)
     if (own := own_dataset(name)) is not None:
+        _refuse_sides(name, side, opponents)
         check_no_task(name, task)
         return _own_target(own, choose)
     task = DEFAULT_TASK if task is None else task
     if name.endswith(ONNX_SUFFIX) and Path(name).is_file():
+        _refuse_sides(name, side, opponents)
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=True)
         return onnx_target([Path(name)], spec, Path(name).stem)
-    if is_registered:
+    if name in checkpoint_free_policies():
         spec = _evaluation_spec(name, find_spec(task), choose, is_fixed=False)
         return _registered_target(name, spec, side, opponents)
     if name in TRAINED_TIERS and (found := sources(task, name, 0.0)):

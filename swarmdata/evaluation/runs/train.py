@@ -21,7 +21,7 @@ from swarmdata.evaluation.runs.trained_policies import read_trained
 from swarmdata.hub.catalog.catalog import OPEN_AGAIN, load
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table, run_folders
-from swarmdata.learn.training.settings import as_texts, override
+from swarmdata.learn.training.settings import as_texts, check_effects, override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
 from swarmdata.online_algos.continuation.offline_start import check_task, read_start
@@ -71,7 +71,9 @@ class OfflineTraining(Frozen):
         """The algorithm's settings; raises where there are no such settings or device."""
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
         check_device(self.device)
-        return override(kind.Config(), self.changes)
+        config = override(kind.Config(), self.changes)
+        check_effects(config, self.changes)
+        return config
 
     def data(self, *, progress: bool) -> Dataset | Mixture:
         """Opens what is trained on, as it is seen and rewarded."""
@@ -153,6 +155,7 @@ class OnlineTraining(Frozen):
             check_task(begin, acting)
             settings = kind.settings_of(begin, features_of(make_task(spec)))
         config = override(kind.Config(), {**settings, **self.changes})
+        check_effects(config, self.changes)
         data, recorded = None, None
         if self.data is not None:
             if not hasattr(kind, "mix_in"):

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
@@ -36,6 +36,13 @@ UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM, MEMORY_STREAM = 0, 1, 2, 3
 @dataclass(frozen=True)
 class DecompositionConfig(MemorySettings):
     """Settings that VDN and QMIX share; one setting for all datasets."""
+
+    NEEDS: ClassVar = {
+        "temperature": ("regulariser", ("bc",)),
+        "threshold": ("regulariser", ("bcq",)),
+        "behavior_head": ("regulariser", ("bc", "bcq")),
+        "cql_weight": ("regulariser", ("cql",)),
+    }
 
     regulariser: Regulariser = "bc"
     n_updates: int = 18_000

@@ -1,7 +1,7 @@
 """MemorySettings, whether a policy remembers, and the windows that it learns from."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 from swarmdata.errors import SchemaError
 
@@ -34,6 +34,8 @@ class WindowSettings:
 @dataclass(frozen=True)
 class MemorySettings(WindowSettings):
     """Settings of policies that may have a memory; without one, only `memory` matters."""
+
+    NEEDS: ClassVar = dict.fromkeys(("burn_in", "window", "memory_size"), ("memory", ("gru",)))
 
     memory: Memory = "none"
     memory_size: int = 64  # numbers that each robot remembers

@@ -87,6 +87,9 @@ class HyperMixer:
 MixerKind = Literal["mean", "monotonic", "free"]
 """`MeanMixer`, and the two kinds of `HyperMixer`."""
 
+MIXER_NEEDS = dict.fromkeys(("mixer_embedding", "mixer_hidden"), ("mixer", ("monotonic", "free")))
+"""`settings.Needs` of algorithms that choose a mixer."""
+
 MIXER_STREAM = 2
 """Stream of a seed's initial parameters, beside those of `learn.networks.actor`."""
 

@@ -52,6 +52,8 @@ from swarmdata.types import Batch
 Extraction = Literal["joint", "anchored", "weighted", "tilted"]
 """`joint`: the actor of the first stage is the policy; the others are losses of a second stage."""
 
+SECOND_STAGES = ("anchored", "weighted", "tilted")
+
 EXTRACTION_LOSSES = ("density_loss", "extraction_loss", "extracted_q")
 """Names of the losses that a second stage adds."""
 
@@ -92,13 +94,25 @@ ACTOR_CRITIC_SPACE: Space = {
 class ExtractionConfig:
     """Settings of the extraction of a policy; one setting for all datasets."""
 
+    NEEDS: ClassVar = {
+        **dict.fromkeys(
+            (
+                "extraction_share", "frozen_critics", "inverse_temperature", "density_floor",
+                "extraction_candidates",
+            ),
+            ("extraction", SECOND_STAGES),
+        ),
+        "slope_limit": ("extraction", ("anchored",)),
+        "effective_share": ("extraction", ("weighted",)),
+    }  # fmt: skip
+
     extraction: Extraction = "joint"
     extraction_share: float = 0.4  # of `n_updates`, the last ones; of no meaning for `joint`
     frozen_critics: bool = False  # whether critics stand still in the second stage
     inverse_temperature: float = 2.0  # in units of 1 / slope of Q
     slope_limit: float = 1.5  # of `anchored`: of a robot's pull by Q, in units of the slope of Q
     density_floor: float = 0.1  # least deviation of the density
-    extraction_candidates: int = 16  # M of `tilted`, and draws for V_i of `weighted`
+    extraction_candidates: int = 16  # M of `tilted`; draws for V_i of `weighted`, and for slopes
     effective_share: float = 0.3  # of `weighted`: of the rows, see `objectives.weighted_rows`
 
     def __post_init__(self) -> None:

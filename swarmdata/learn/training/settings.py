@@ -8,7 +8,8 @@ beside its config, as `SPACE`; all other settings keep their defaults.
 import dataclasses
 import math
 import types
-from collections.abc import Iterator, Mapping
+from collections import ChainMap
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
@@ -19,6 +20,11 @@ from swarmdata.learn.training.setting_ranges import check_range
 from swarmdata.numerics.random import derive, uniform
 
 C = TypeVar("C")
+
+Needs = Mapping[str, tuple[str, tuple[Any, ...]]]
+"""Settings that have an effect only with some values of another: its name, and these values.
+
+An algorithm declares them beside its config, as `NEEDS`; those of base classes count too."""
 
 
 def override(config: C, changes: Mapping[str, str]) -> C:
@@ -41,6 +47,21 @@ def override(config: C, changes: Mapping[str, str]) -> C:
                 f"expected {_describe(types[name])}"
             ) from error
     return _replace(config, values)
+
+
+def check_effects(config: Any, changed: Iterable[str]) -> None:
+    """Refuses changed settings that have no effect beside the others, as `NEEDS` tells."""
+    kind = type(config)
+    needs = ChainMap(*(vars(base).get("NEEDS", {}) for base in kind.__mro__))
+    for name in needs.keys() & set(changed):
+        (other, values), default = needs[name], getattr(kind, name)
+        found = getattr(config, other)
+        if found not in values and getattr(config, name) != default:
+            raise SpecError(
+                f"setting {name!r} of {kind.__qualname__} has no effect with {other} {found!r}, "
+                f"expected {other} {' or '.join(map(repr, values))}. Set {other} as well, or leave "
+                f"{name} at its default ({default})."
+            )
 
 
 def setting_types(kind: type) -> dict[str, Any]:

@@ -1,5 +1,8 @@
 """The engine: an episode is one pure function of its seed, on every backend, for every task."""
 
+import pickle
+from collections.abc import Callable
+from copy import deepcopy
 from itertools import pairwise
 from typing import Any
 
@@ -7,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import swarmdata
 from swarmdata.envs.physics.kinematic import KinematicBackend
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.envs.world.task_env import (
@@ -88,6 +92,16 @@ def test_what_is_no_copy_is_not_reset(copies: list[Any]) -> None:
     env.reset(seeds_of(1, 2))
     with pytest.raises(SchemaError, match="expected different whole numbers below 2, such as np"):
         env.reset(seeds_of(*range(len(copies))), np.array(copies))
+
+
+@pytest.mark.parametrize("duplicate", [deepcopy, pickle.dumps])
+@pytest.mark.parametrize("options", [{}, {"api": "pettingzoo"}])
+def test_environments_are_not_copied(
+    options: dict[str, Any], duplicate: Callable[[Any], Any]
+) -> None:
+    """A copy would move the bodies of the original, and read memory that is gone without it."""
+    with pytest.raises(SchemaError, match="cannot be copied or pickled"):
+        duplicate(swarmdata.make_env("coop_nav", **options))
 
 
 def test_a_collision_ends_the_episode_where_the_spec_says_so() -> None:
