@@ -26,8 +26,9 @@ Deviations from FACMAC:
   LayerNorm, normalization, `clip_target`, warm-up, cosines, and the discount.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -56,7 +57,7 @@ from swarmdata.types import Batch
 class FACMACBCConfig(TwoStageConfig):
     """FACMAC with an imitation term; one setting for all datasets."""
 
-    NEEDS: ClassVar = MIXER_NEEDS
+    NEEDS: ClassVar[Mapping[str, Any]] = MIXER_NEEDS
 
     rl_weight: float = 0.6  # alpha, see the deviations above
     mixer: MixerKind = "monotonic"  # see the deviations above

@@ -98,7 +98,7 @@ N_DRAWS = 4
 class MACFlowConfig(FlowSettings, ActorCriticConfig):
     """A joint flow, its students and factored critics; one setting for all datasets."""
 
-    NEEDS: ClassVar = MIXER_NEEDS
+    NEEDS: ClassVar[Mapping[str, Any]] = MIXER_NEEDS
 
     critic_share: float = 0.65  # see the deviations above
     inverse_temperature: float = 2.0  # as `maddpg_bc`; 0 only copies the flow

@@ -47,8 +47,9 @@ Deviations:
   dense, so that 20 steps (2 s) hold the consequences of an action.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -87,7 +88,7 @@ from swarmdata.types import Batch
 class MADDPGBCConfig(TwoStageConfig):
     """TD3+BC with a critic for each robot, and its second stage; one setting for all datasets."""
 
-    NEEDS: ClassVar = {
+    NEEDS: ClassVar[Mapping[str, Any]] = {
         "rl_weight": ("extraction", ("joint",)),
         "first_rl_weight": ("extraction", SECOND_STAGES),
         "joint_gradient": ("critic", ("centralized",)),

@@ -95,7 +95,7 @@ NOISE_STREAM = 2
 class MADDPGConfig(ReplaySettings):
     """Settings of MADDPG."""
 
-    NEEDS: ClassVar = {
+    NEEDS: ClassVar[Mapping[str, Any]] = {
         **dict.fromkeys(("policy_delay", "smoothing", "smoothing_clip"), ("corrections", ("td3",))),
         "joint_gradient": ("critic", ("centralized",)),
     }

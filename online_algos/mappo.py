@@ -47,7 +47,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -87,7 +87,7 @@ from swarmdata.types import Bool, Float, copy_step
 class MAPPOConfig:
     """Hyperparameters; steps are joint steps of one seed's worlds."""
 
-    NEEDS: ClassVar = {
+    NEEDS: ClassVar[Mapping[str, Any]] = {
         **dict.fromkeys(("memory_size", "window"), ("memory", ("gru",))),
         "final_std": ("learned_std", (False,)),
     }

@@ -173,9 +173,16 @@ PACKAGE_LICENSE = "cc-by-4.0"  # of the datasets that the package publishes, who
 
 
 def license_of(origin: "Origin") -> str:
-    """The Hub's name of a dataset's license: its author's, or the package's; else `unknown`."""
-    is_published = origin.id in published()
-    return PACKAGE_LICENSE if is_published and origin.license == "unknown" else origin.license
+    """The Hub's name of a dataset's license: its author's, or the package's; else `unknown`.
+
+    An edit of datasets that the package publishes has the package's.
+    """
+    known, parents = published(), origin.parents
+    is_ours = origin.id in known or (
+        parents
+        and all(each.id in known and each.digest == known[each.id].digest for each in parents)
+    )
+    return PACKAGE_LICENSE if is_ours and origin.license == "unknown" else origin.license
 
 
 def changed_versions(made_with: Mapping[str, str], here: Mapping[str, str]) -> tuple[str, ...]:

@@ -7,13 +7,17 @@ from importlib.resources import files
 from pydantic import ConfigDict, TypeAdapter
 
 from swarmdata.registry.published import (
+    PACKAGE_LICENSE,
     Figures,
     Interval,
     Published,
     TaskReferences,
+    license_of,
     published,
     references,
 )
+from swarmdata.registry.recipes import find_recipe
+from swarmdata.specs.origins.edit_origin import Edit, Parent
 
 SHA256 = re.compile("[0-9a-f]{64}")
 FINITE = ConfigDict(allow_inf_nan=False)
@@ -51,3 +55,17 @@ def test_every_reference_is_possible() -> None:
         rows: list[Mapping[str, Interval | None]] = [*entry.policies.values(), *entry.gaps.values()]
         found = [each for row in rows for each in row.values() if each is not None]
         assert all(each.low <= each.value <= each.high for each in found), name
+
+
+def test_edits_of_published_datasets_have_their_license() -> None:
+    """A dataset of somebody else that has the name of a published one has another digest."""
+    name, entry = next(iter(published().items()))
+    recipe = find_recipe(name)
+
+    def edit(*digests: str) -> Edit:
+        parents = tuple(Parent(id=name, digest=each, episodes=(0,)) for each in digests)
+        content = recipe.model_dump(include={"tier", "spec", "policies"})
+        return Edit(**content, id="some-of-it-v0", parents=parents, operation="filter")
+
+    assert license_of(edit(entry.digest)) == PACKAGE_LICENSE
+    assert license_of(edit(entry.digest, "0" * 64)) == "unknown"

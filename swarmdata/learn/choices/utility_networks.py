@@ -37,7 +37,7 @@ UTILITY_STREAM, MIXER_STREAM, BEHAVIOR_STREAM, MEMORY_STREAM = 0, 1, 2, 3
 class DecompositionConfig(MemorySettings):
     """Settings that VDN and QMIX share; one setting for all datasets."""
 
-    NEEDS: ClassVar = {
+    NEEDS: ClassVar[Mapping[str, Any]] = {
         "temperature": ("regulariser", ("bc",)),
         "threshold": ("regulariser", ("bcq",)),
         "behavior_head": ("regulariser", ("bc", "bcq")),

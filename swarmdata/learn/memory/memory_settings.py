@@ -1,7 +1,8 @@
 """MemorySettings, whether a policy remembers, and the windows that it learns from."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from swarmdata.errors import SchemaError
 
@@ -35,7 +36,9 @@ class WindowSettings:
 class MemorySettings(WindowSettings):
     """Settings of policies that may have a memory; without one, only `memory` matters."""
 
-    NEEDS: ClassVar = dict.fromkeys(("burn_in", "window", "memory_size"), ("memory", ("gru",)))
+    NEEDS: ClassVar[Mapping[str, Any]] = dict.fromkeys(
+        ("burn_in", "window", "memory_size"), ("memory", ("gru",))
+    )
 
     memory: Memory = "none"
     memory_size: int = 64  # numbers that each robot remembers

@@ -94,7 +94,7 @@ ACTOR_CRITIC_SPACE: Space = {
 class ExtractionConfig:
     """Settings of the extraction of a policy; one setting for all datasets."""
 
-    NEEDS: ClassVar = {
+    NEEDS: ClassVar[Mapping[str, Any]] = {
         **dict.fromkeys(
             (
                 "extraction_share", "frozen_critics", "inverse_temperature", "density_floor",

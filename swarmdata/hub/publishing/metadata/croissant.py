@@ -118,9 +118,13 @@ def _responsible(dataset: Dataset) -> dict[str, Any]:
     """The fields of the RAI extension and of PROV; nothing is claimed that the origin lacks."""
     origin = dataset.recipe
     labels = ", ".join(source.label for source in origin.policies)
+    is_edit = origin.kind == "edit"
+    kind = "recipe" if is_edit and origin.spec.world is not None else origin.kind
     made_by = {"recipe": "Recorded in simulation", "logs": "Imported from logs of robots"}
-    how = made_by.get(origin.kind, f"Source: {origin.source}")
-    synthetic = {"recipe": True, "logs": False}.get(origin.kind)
+    how = made_by.get(kind, f"Source: {origin.source}")
+    if is_edit and kind in made_by:
+        how += f", and made from other datasets by: {origin.source}"
+    synthetic = {"recipe": True, "logs": False}.get(kind)
     limits = {
         "recipe": "Simulation only; no claim about physical robots.",
         "logs": "Motion of the robots that were logged; no simulator is bound to it.",
@@ -132,11 +136,11 @@ def _responsible(dataset: Dataset) -> dict[str, Any]:
         **({} if synthetic is None else {"rai:hasSyntheticData": synthetic}),
         "rai:dataBiases": "Episodes are those of the behavior policies; states that these do not "
         "visit are absent.",
-        "rai:dataLimitations": limits.get(origin.kind, "Not known to the converter."),
+        "rai:dataLimitations": limits.get(kind, "Not known to the converter."),
         "rai:dataUseCases": "Training and evaluation of offline multi-agent learning.",
         "rai:dataSocialImpact": "Policies learned offline may collide or fail on robots and among "
         "people; these data say nothing about safety there.",
-        "rai:personalSensitiveInformation": people.get(origin.kind, "Not known to the converter."),
+        "rai:personalSensitiveInformation": people.get(kind, "Not known to the converter."),
         "rai:dataReleaseMaintenancePlan": "A published version never changes from version 1 on; "
         "corrections get a new version.",
         "prov:wasGeneratedBy": {
