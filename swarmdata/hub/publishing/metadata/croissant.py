@@ -7,11 +7,12 @@ import hashlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.hub.publishing.metadata.episode_parquet import EPISODE_COLUMNS, EPISODES_FILE
 from swarmdata.registry.published import license_of
+from swarmdata.specs.origins import Origin
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST
 
@@ -114,33 +115,50 @@ def _citation(dataset: Dataset) -> str:
     return f"@misc{{{key}, title={{{dataset.id}}}, note={{swarmdata, digest {dataset.digest}}}}}"
 
 
+class _Known(NamedTuple):
+    """What the kind of an origin tells of its episodes."""
+
+    how: str
+    is_synthetic: bool | None = None
+    limits: str = "Not known to the converter."
+    people: str = "Not known to the converter."
+
+
+_SIMULATED = _Known(
+    "Recorded in simulation", True, "Simulation only; no claim about physical robots.",
+    "None: no person took part.",
+)  # fmt: skip
+
+_LOGGED = _Known(
+    "Imported from logs of robots", False,
+    "Motion of the robots that were logged; no simulator is bound to it.",
+)  # fmt: skip
+
+
+def _known(origin: Origin) -> _Known:
+    if origin.kind == "edit" and origin.spec.world is not None:
+        how = f"{_SIMULATED.how}, and made from other datasets by: {origin.source}"
+        return _SIMULATED._replace(how=how)
+    by_kind = {"recipe": _SIMULATED, "logs": _LOGGED}
+    return by_kind.get(origin.kind, _Known(f"Source: {origin.source}"))
+
+
 def _responsible(dataset: Dataset) -> dict[str, Any]:
     """The fields of the RAI extension and of PROV; nothing is claimed that the origin lacks."""
-    origin = dataset.recipe
+    origin, known = dataset.recipe, _known(dataset.recipe)
     labels = ", ".join(source.label for source in origin.policies)
-    is_edit = origin.kind == "edit"
-    kind = "recipe" if is_edit and origin.spec.world is not None else origin.kind
-    made_by = {"recipe": "Recorded in simulation", "logs": "Imported from logs of robots"}
-    how = made_by.get(kind, f"Source: {origin.source}")
-    if is_edit and kind in made_by:
-        how += f", and made from other datasets by: {origin.source}"
-    synthetic = {"recipe": True, "logs": False}.get(kind)
-    limits = {
-        "recipe": "Simulation only; no claim about physical robots.",
-        "logs": "Motion of the robots that were logged; no simulator is bound to it.",
-    }
-    people = {"recipe": "None: no person took part."}
+    synthetic = {} if known.is_synthetic is None else {"rai:hasSyntheticData": known.is_synthetic}
     return {
-        "rai:dataCollection": f"{how}. Behavior policies: {labels}.",
+        "rai:dataCollection": f"{known.how}. Behavior policies: {labels}.",
         "rai:dataCollectionType": "Software Collection",
-        **({} if synthetic is None else {"rai:hasSyntheticData": synthetic}),
+        **synthetic,
         "rai:dataBiases": "Episodes are those of the behavior policies; states that these do not "
         "visit are absent.",
-        "rai:dataLimitations": limits.get(kind, "Not known to the converter."),
+        "rai:dataLimitations": known.limits,
         "rai:dataUseCases": "Training and evaluation of offline multi-agent learning.",
         "rai:dataSocialImpact": "Policies learned offline may collide or fail on robots and among "
         "people; these data say nothing about safety there.",
-        "rai:personalSensitiveInformation": people.get(kind, "Not known to the converter."),
+        "rai:personalSensitiveInformation": known.people,
         "rai:dataReleaseMaintenancePlan": "A published version never changes from version 1 on; "
         "corrections get a new version.",
         "prov:wasGeneratedBy": {
