@@ -28,7 +28,7 @@ from typing import ClassVar
 import numpy as np
 
 from swarmdata.errors import SchemaError
-from swarmdata.learn.training.settings import LogUniform, Space
+from swarmdata.learn.training.settings import Choice, LogUniform, Space
 from swarmdata.offline_algos.bc import BC, BCConfig
 from swarmdata.types import Double
 
@@ -64,4 +64,8 @@ class FilteredBC(BC):
 
     Config = FilteredBCConfig
     FIELDS = BC.FIELDS
-    SPACE: ClassVar[Space] = {**BC.SPACE, "fraction": LogUniform(0.03, 0.5)}
+    SPACE: ClassVar[Space] = {
+        **BC.SPACE,
+        "fraction": LogUniform(0.03, 0.5),
+        "min_episodes": Choice((1, 250)),  # on small data, 250 leaves `fraction` no effect
+    }

@@ -158,10 +158,13 @@ class MADDPGBC(TwoStageActorCritic):
 
     @torch.no_grad()
     def td_error(self, batch: Batch) -> Tensor:
-        """Returns the mean of (Q_j - y)^2, [K], over critics, robots and rows; y without noise."""
+        """The mean of (Q_j - y)^2 over critics, robots and rows, [K], in units of rewards squared.
+
+        y is without noise.
+        """
         y = self.targets(batch, torch.zeros_like(batch.actions))  # [K, B, N]
         q = self.critics.q(self.critic_inputs(batch), batch.actions)  # [K, 2, B, N]
-        return (q - y[:, None]).square().mean((1, 2, 3))
+        return (q - y[:, None]).square().mean((1, 2, 3)) / self.rewards.scale**2
 
     def actor_step(
         self, batch: Batch, x: RobotView, scale: float, is_warmup: bool

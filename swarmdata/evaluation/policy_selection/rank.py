@@ -173,12 +173,11 @@ def _candidates(
         kept = kept_updates(folder) if checkpoints else ()
         earlier = (load_algorithm(folder, device, at) for at in kept if at != last.update)
         for loaded in (*earlier, last):
-            scale = loaded.statistics.return_std
             n_seeds = len(loaded.run.seeds)
             dataset = framed(held_out, loaded.run.frame)
             error = None  # a run that was made small has no critics left
             if not loaded.is_compact:
-                error = td_errors(loaded.algorithm, dataset, n_seeds, scale, device)
+                error = td_errors(loaded.algorithm, dataset, n_seeds, device)
             content = run_hash(folder, 0) if loaded is last else None
             found.append(Candidates(name, content, loaded, error))
     return found

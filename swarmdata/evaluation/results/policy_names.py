@@ -98,7 +98,8 @@ def find_target(
     Args:
         name: a registered policy such as `random`; a learned tier such as `expert`: its checkpoints
             without noise; a dataset, by its id or by its folder: its behavior policies as recorded;
-            a training run, by its folder or as `zoo:ALGORITHM/DATASET`: its newest policies, one
+            of either, in a task of several sides, teams that share no trained policy; a training
+            run, by its folder or as `zoo:ALGORITHM/DATASET`: its newest policies, one
             per seed; or a file of ONNX.
         task: where policies, tiers and runs act: a preset's name, or a spec file. None: runs where
             they were trained, the others in `DEFAULT_TASK`. Datasets' policies act in their task.
@@ -223,7 +224,8 @@ def _recorded_target(
 ) -> Target:
     is_fixed = any(source.name in CHECKPOINT_POLICIES for source in who_acts(origin.policies))
     spec = _evaluation_spec(name, task_of(origin, "acting again"), choose, is_fixed=is_fixed)
-    policies = tuple(make_source_policy(source, spec, folder) for source in origin.policies)
+    teams = _independent(origin.policies)
+    policies = tuple(make_source_policy(source, spec, folder) for source in teams)
     return Target(spec, policies, _numbered(name, [origin.hash()] * len(policies)))
 
 
@@ -274,13 +276,29 @@ def _tier_target(
 ) -> Target:
     """The teams of a tier; or its policies that play a side, each against the opponents."""
     if side is None and opponents is None:
-        policies = tuple(make_source_policy(each, spec) for each in teams)
-        return Target(spec, policies, _numbered(name, [_content(each) for each in teams]))
+        apart = _independent(teams)
+        policies = tuple(make_source_policy(each, spec) for each in apart)
+        return Target(spec, policies, _numbered(name, [_content(each) for each in apart]))
     side, opponents = _seat(name, spec, side, opponents)
     found = tier_of_side(name, side, spec)
     players = [make_source_policy(each, SideSpec(whole=spec, side=side)) for each in found]
     provenances = _numbered(name, [each.sha256 for each in found])
     return _on_side(spec, side, opponents, players, provenances)
+
+
+def _independent(teams: Sequence[PolicySource]) -> tuple[PolicySource, ...]:
+    """The teams without those of several sides of which an earlier one has a trained policy.
+
+    Where every policy of one side plays every policy of another, pairs are no independent runs,
+    as intervals for new training seeds take them.
+    """
+    kept, known = [], set[str]()
+    for team in teams:
+        trained = {each.sha256 for each in team.acting if each.sha256} if team.opponents else set()
+        if not trained & known:
+            kept.append(team)
+            known |= trained
+    return tuple(kept)
 
 
 def _content(team: PolicySource) -> str | None:

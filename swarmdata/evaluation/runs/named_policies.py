@@ -47,10 +47,10 @@ class Behavior(NamedTuple):
 
     def __str__(self) -> str:
         """One line."""
-        if self.error is not None:
-            return f"{self.source.label}: exact; rounded weights change actions by {self.error:.2g}"
         if any(each.name == "network" for each in self.source.acting):
             return f"{self.source.label}: not exact; another machine may give other episodes"
+        if self.error is not None:
+            return f"{self.source.label}: exact; rounded weights change actions by {self.error:.2g}"
         return f"{self.source.label}: exact"
 
 

@@ -261,12 +261,12 @@ def _mean(errors: Tensor, weights: Tensor) -> Double:
 
 @torch.no_grad()
 def td_errors(
-    algorithm: Any, dataset: Data, n_seeds: int, scale: float, device: torch.device | str
+    algorithm: Any, dataset: Data, n_seeds: int, device: torch.device | str
 ) -> Double | None:
     """Returns the root mean square of Q - y of an algorithm's own critics, [K], if it has any.
 
-    In units of rewards, by the `scale` that the algorithm divides them by, but of its own discount
-    and target: comparable between seeds and settings of one algorithm at best.
+    In units of rewards, but of its own discount and target: comparable between seeds and settings
+    of one algorithm at best.
     """
     if not hasattr(algorithm, "td_error"):
         return None
@@ -275,4 +275,5 @@ def td_errors(
     for _ in range(N_BATCHES):
         index = np.broadcast_to(sampler.draw(), (n_seeds, BATCH_SIZE))
         total += algorithm.td_error(sampler.gather(index).to_torch(device)).cpu().numpy()
-    return scale * np.sqrt(total / N_BATCHES)
+    result: Double = np.sqrt(total / N_BATCHES)
+    return result

@@ -315,6 +315,22 @@ def test_a_run_of_a_side_plays_against_opponents(
     np.testing.assert_array_equal(actions[:, others], expected[:, others])
 
 
+def test_pairs_of_sides_are_independent_runs() -> None:
+    """Sixteen pairs of four pursuers and four evaders are no sixteen trainings."""
+    target, spec = find_target("expert", "tag"), preset("tag")
+    assert len(target.policies) == len(target.provenances) == 4
+    step = make_env(spec, 2).reset(evaluation_seeds(2))
+    for seed, policy in enumerate(target.policies):
+        policy.reset(step, np.arange(2))
+        for side in spec.sides:
+            alone = make_policy("expert", spec, seed=seed, side=side.name)
+            seen = step_of_side(step, side)
+            alone.reset(seen, np.arange(2))
+            rows = slice(side.agents.start, side.agents.stop)
+            np.testing.assert_array_equal(policy.act(step)[:, rows], alone.act(seen))
+    assert len(find_target("tag-expert-mini").policies) == 4
+
+
 def test_results_of_sides_name_them(tag_runs: dict[str, Path], tmp_path: Path) -> None:
     teams = {
         "runs": find_target(str(tag_runs["evader"]), opponents=str(tag_runs["pursuers"])),
@@ -379,7 +395,7 @@ def test_tiers_play_a_side_or_against_one() -> None:
     assert len(target.policies) == len(side_sources("tag", "expert", "pursuers")) > 1
     whole = find_target("expert", "tag")
     assert whole.side is None
-    assert len(whole.policies) == len(sources("tag", "expert")) > len(target.policies)
+    assert len(whole.policies) == len(target.policies) < len(sources("tag", "expert"))
     assert len({each.content for each in whole.provenances}) == len(whole.policies)
     first = find_target("scripted", "tag", side="pursuers", opponents="medium").measured
     assert isinstance(first, SideSpec)

@@ -14,10 +14,12 @@ from swarmdata.building.build import build
 from swarmdata.building.parts_folder import build_folder
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError
 from swarmdata.evaluation.runs.generated_dataset import generate
+from swarmdata.evaluation.runs.named_policies import Behavior
 from swarmdata.evaluation.runs.train import train, train_online
 from swarmdata.hub.catalog.repair import examine, repair
 from swarmdata.registry.presets import preset
-from swarmdata.specs.recipe import Recipe, who_acts
+from swarmdata.registry.recipes import against
+from swarmdata.specs.recipe import PolicySource, Recipe, who_acts
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import read_manifest
 from swarmdata.store.stored_dataset import open_store
@@ -149,6 +151,16 @@ def test_online_runs_and_tiers_act_too(tmp_path: Path) -> None:
     assert {p.name for p in made.recipe.policies} == {"learned"}
     assert swarmdata.load("coop_nav-on-v0").digest == made.digest
     assert len(list((made.path / "checkpoints").iterdir())) == 1  # the package has the experts
+
+
+def test_a_team_with_a_network_is_not_exact() -> None:
+    learned, network = (
+        PolicySource(label=name, name=name, checkpoint=f"{name}.safetensors", sha256="0" * 64)
+        for name in ("learned", "network")
+    )
+    team = against((learned, network), ("pursuers", "evader"), "both")
+    assert "not exact" in str(Behavior(team, 0.005))
+    assert "exact; rounded" in str(Behavior(learned, 0.005))
 
 
 def test_runs_of_sides_act_against_each_other(tmp_path: Path) -> None:

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import pytest
 
+pytest.importorskip("torch", reason="tuning needs the torch extra")
+
 from swarmdata.specs.recipe import Splits
 from tests.evaluation.study.conftest import data
 from tests.support.tiny import make_tiny

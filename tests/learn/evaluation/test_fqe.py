@@ -27,6 +27,7 @@ from swarmdata.learn.evaluation.fqe import (
 from swarmdata.learn.evaluation.transitions import Transitions
 from swarmdata.learn.networks.critics import Critics
 from swarmdata.learn.networks.dataset_statistics import Statistics
+from swarmdata.learn.networks.network_inputs import Reward
 from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.offline_algos.maddpg_bc import MADDPGBC, MADDPGBCConfig
 from swarmdata.types import Batch
@@ -229,18 +230,19 @@ class WithCritics:
         return torch.tensor([9.0, 25.0])
 
 
-def test_td_errors_are_in_units_of_rewards() -> None:
-    found = td_errors(WithCritics(), chain(5, ends=True), 2, 0.5, "cpu")
+def test_td_errors_are_the_root_of_what_an_algorithm_says() -> None:
+    found = td_errors(WithCritics(), chain(5, ends=True), 2, "cpu")
     assert found is not None
-    np.testing.assert_allclose(found, [1.5, 2.5])
-    assert td_errors(object(), chain(5, ends=True), 2, 0.5, "cpu") is None
+    np.testing.assert_allclose(found, [3.0, 5.0])
+    assert td_errors(object(), chain(5, ends=True), 2, "cpu") is None
 
 
-def test_the_td_error_of_maddpg_bc_is_its_critics_loss_and_changes_nothing() -> None:
+@pytest.mark.parametrize("reward", ["own", "team"])
+def test_the_td_error_of_maddpg_bc_is_its_critics_loss_and_changes_nothing(reward: Reward) -> None:
     dataset = chain(8, ends=False)
     batch = dataset.sampler(32).gather(np.arange(24)[None]).to_torch()
     config = MADDPGBCConfig(
-        actor_hidden=(8,), critic_hidden=(8,), smoothing=0.0, max_grad_norm=None
+        actor_hidden=(8,), critic_hidden=(8,), smoothing=0.0, max_grad_norm=None, reward=reward
     )
     statistics = Statistics.measure(dataset, config.discount)
     algorithm = MADDPGBC(Setup(Sizes.of(batch), [3], statistics), config)
@@ -248,4 +250,5 @@ def test_the_td_error_of_maddpg_bc_is_its_critics_loss_and_changes_nothing() -> 
     found = algorithm.td_error(batch)
     assert torch.equal(algorithm.critics.online.flat, before)
     loss = algorithm.update(batch)["critic_loss"]
-    torch.testing.assert_close(found, loss / 2)  # the loss is the sum over two critics
+    unit = statistics.own_return_std if reward == "own" else statistics.return_std
+    torch.testing.assert_close(found, unit**2 * loss / 2)  # the loss is the sum over two critics
