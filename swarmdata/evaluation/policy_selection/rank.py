@@ -12,7 +12,7 @@ import numpy as np
 
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SchemaError, UnknownNameError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.evaluation.policy_selection.rank_statistics import pessimistic_value, ranking_quality
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
@@ -49,6 +49,7 @@ from swarmdata.rollouts.evaluate import check_comparable, evaluate
 from swarmdata.rollouts.score_intervals import mean_interval
 from swarmdata.runtime.documents import parse_json
 from swarmdata.runtime.native_libraries import ThreadLimit
+from swarmdata.specs.origins import SideSpec, Spec
 from swarmdata.store.split_rule import empty_validation
 from swarmdata.types import Double, EvalResult, check_device
 
@@ -94,13 +95,19 @@ def rank(
 
     Raises:
         CheckpointError: a folder holds no run, or a damaged one.
-        SpecError: `n_episodes` with a recording of another environment.
+        SpecError: `n_episodes` with a recording of another environment, or of one side.
     """
     config = config or FQEConfig()
     if n_episodes is not None and results is not None:
         raise SchemaError("got n_episodes and results, expected one of them: both provide scores")
     check_device(device)
     dataset = _dataset(folders, dataset_id, progress=progress)
+    if n_episodes is not None and isinstance(dataset.spec, SideSpec):
+        raise SpecError(
+            f"got {n_episodes} episodes for policies of {dataset.spec.task}, which need opponents. "
+            "Evaluate the runs first (swarmdata evaluate RUN --opponents NAME --out FOLDER), and "
+            "give that folder as results (--results)."
+        )
     parts = dataset.split("train"), dataset.split("validation")
     if not len(parts[1]):
         raise SchemaError(f"{dataset.id}: {empty_validation(len(dataset))}")
@@ -318,12 +325,22 @@ def _scores(dataset: Dataset, results: Sequence[EvalResult | None]) -> list[floa
     return [None if mean is None else float(normalized_score(mean, scale)) for mean in means]
 
 
+def _plain(spec: Spec) -> Spec:
+    """The spec without the opponents that results of one side have, as data have it."""
+    return spec.model_copy(update={"opponents": None}) if isinstance(spec, SideSpec) else spec
+
+
 def _read_results(
     found: Sequence[Candidates], dataset: Dataset, folder: Path
 ) -> list[EvalResult | None]:
     """Results of `evaluate --out` in the dataset's world and models; at least one must be there."""
     paths = sorted(folder.glob("*.json"))
-    results = [result for result in map(load_result, paths) if result.spec == dataset.spec]
+    results = [each for each in map(load_result, paths) if _plain(each.spec) == dataset.spec]
+    if len(played := sorted({each.spec.task for each in results})) > 1:
+        raise SchemaError(
+            f"{folder} holds results against several opponents ({', '.join(played)}), expected "
+            "one: scores against different ones cannot be compared."
+        )
     known = {(r.provenance.content, r.provenance.seed): r.evaluation for r in results}
     keys = [(each.content, seed) for each in found for seed in each.loaded.run.seeds]
     chosen = [None if key[0] is None else known.get(key) for key in keys]

@@ -11,18 +11,20 @@ import pytest
 pytest.importorskip("torch", reason="ranking needs the torch extra")
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import SchemaError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.evaluation.policy_selection.rank import rank
 from swarmdata.evaluation.policy_selection.ranking_record import Ranking
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
+from swarmdata.evaluation.runs.train import train
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.training.compact import compact
 from swarmdata.learn.training.run_folder import load_algorithm, load_run
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
-from swarmdata.specs.recipe import Splits
+from swarmdata.registry.presets import preset
+from swarmdata.specs.recipe import PolicySource, Splits
 from tests.support.command_line import run as run_command
 from tests.support.tiny import make_tiny
 
@@ -196,3 +198,23 @@ def test_an_empty_validation_split_is_named(tmp_path: Path) -> None:
     expected = f"the validation split is empty: none of {len(dataset)} episodes fell into it"
     with pytest.raises(SchemaError, match=expected):
         rank([tmp_path / "bc"], dataset_id=str(data), progress=False)
+
+
+def test_runs_of_a_side_have_scores_against_one_opponent(tmp_path: Path) -> None:
+    spec = preset("tag").with_updates(horizon=20)
+    opponent = PolicySource(label="evader", name="random")
+    team = (PolicySource(label="a", name="scripted", opponents=(opponent,)),)
+    splits = Splits(block=4)
+    data = make_tiny(tmp_path / "tag", id="tag-tiny-v0", spec=spec, policies=team, splits=splits)
+    run, results = tmp_path / "bc", tmp_path / "results"
+    changes = {"n_updates": 5, "batch_size": 8}
+    train("bc", data, run, side="pursuers", n_seeds=2, changes=changes, progress=False)
+    options: dict[str, Any] = {"dataset_id": str(data), "config": SMALL, "progress": False}
+    with pytest.raises(SpecError, match=r"tag: pursuers, which need opponents\. Evaluate"):
+        rank([run], n_episodes=2, **options)
+    evaluate_target(find_target(str(run), opponents="scripted"), 2, results, progress=False)
+    found = rank([run], results=results, **options)
+    assert all(policy.score is not None for policy in found.policies)
+    evaluate_target(find_target(str(run), opponents="idle"), 2, results, progress=False)
+    with pytest.raises(SchemaError, match=r"\(tag: pursuers against idle, tag: pursuers against"):
+        rank([run], results=results, **options)
