@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv
 
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.numerics.random import EVALUATION_BASE, derive
+from swarmdata.numerics.random import EVALUATION_BASE, checked_seeds, derive
 from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry.components import make_env
 from swarmdata.specs.features import Feature
@@ -78,8 +78,8 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         seed determines the episodes of later resets without a seed.
         """
         if seed is not None:
-            self._seed, self._episode = int(seed) % 2**64, 0
-            episode = np.array([self._seed], dtype=np.uint64)
+            episode = checked_seeds([seed])
+            self._seed, self._episode = int(seed), 0
         else:
             self._episode += 1
             episode = derive(np.uint64(self._seed), self._episode) % np.uint64(EVALUATION_BASE)
@@ -160,12 +160,20 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
 
     def _joint(self, actions: dict[str, Float]) -> Float:
         try:
-            return np.array([[actions[name] for name in self.agents]], dtype=np.float32)
+            joint = np.array([[actions[name] for name in self.agents]], dtype=np.float32)
         except KeyError:
             missing = [name for name in self.agents if name not in actions]
             raise SchemaError(
                 f"no action for {', '.join(missing)}; give one for each of {self.agents}"
             ) from None
+        except (TypeError, ValueError):
+            joint = np.zeros(0, dtype=np.float32)
+        if joint.shape[1:] != (len(self.agents), self._env.action_size):
+            raise SchemaError(
+                f"the actions are {actions!r:.200}, expected a dictionary with an array of "
+                f"{self._env.action_size} numbers for each of {self.agents}"
+            )
+        return joint
 
     def _rows(self, values: NDArray[Any]) -> dict[str, NDArray[Any]]:
         """Returns each agent's row of a copy, since the step shares its memory with other steps."""

@@ -272,14 +272,18 @@ class _Player:
 
 
 def _numbers(state: Any) -> dict[str, Any]:
-    """The numbers in a state by the names of its fields, without random keys."""
+    """The numbers in a state by the names of its fields, without random keys.
+
+    Old ones are arrays of two or four uint32.
+    """
     import jax  # noqa: PLC0415
 
     leaves, _ = jax.tree_util.tree_flatten_with_path(state)
     return {
         jax.tree_util.keystr(path).lstrip("."): leaf
         for path, leaf in leaves
-        if not jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key) and leaf.dtype != np.uint32
+        if not jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+        and not (leaf.dtype == np.uint32 and leaf.shape in ((2,), (4,)))
     }
 
 

@@ -291,12 +291,15 @@ def _raise_if_full(error: Exception, path: Path, scratch: Path | None) -> None:
     found = os.statvfs(path.parent)
     free = found.f_bavail * found.f_frsize
     lacks_inodes = found.f_files > 0 and found.f_favail == 0
-    # NumPy says no number, and other libraries have words of their own
-    said = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+    # NumPy, which asks for the room beforehand, says no number, and others have their own words
+    numbers = errno.ENOSPC, errno.EDQUOT
+    said = isinstance(error, OSError) and (
+        error.errno in numbers or str(error).startswith("Not enough free space")
+    )
     if not said and free > LOW_SPACE_BYTES and not lacks_inodes:
         return
     files = [path] if scratch is None else list(scratch.rglob("*"))
-    written = sum(file.stat().st_size for file in files if file.is_file())
+    written = 512 * sum(file.stat().st_blocks for file in files if file.is_file())
     lack, cure = ("space", "Make room") if not lacks_inodes else ("inode", "Free some inodes")
     raise DiskFullError(
         f"no {lack} is left in {path.parent} for {path.name}: {written / 1e6:.1f} MB of it were "

@@ -44,7 +44,7 @@ class Count:
         return Box(-1.0, 1.0, (1,))
 
     def reset(self, key: Any) -> tuple[Any, Any]:
-        state = {"key": key, "number": jax.random.uniform(key), "step": jnp.int32(0)}
+        state = {"key": key, "number": jax.random.uniform(key), "step": jnp.uint32(0)}
         return self._observe(state), state
 
     def step_env(self, key: Any, state: Any, actions: Any) -> tuple[Any, ...]:

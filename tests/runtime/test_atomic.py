@@ -249,6 +249,8 @@ def test_a_library_that_fails_in_its_own_words_on_a_full_disk(
     with pytest.raises(DiskFullError, match="no inode is left"):
         fail(RuntimeError("Can't write data"))
     disk(1 << 30, 1000)
+    with pytest.raises(DiskFullError, match="no space is left"):  # NumPy asks beforehand
+        fail(OSError("Not enough free space to write 34951168 bytes after offset 128"))
     with pytest.raises(RuntimeError, match="Can't write"):
         fail(RuntimeError("Can't write data"))
     disk(1000, 1000)

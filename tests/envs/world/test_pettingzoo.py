@@ -86,8 +86,16 @@ def test_wrong_use_is_refused() -> None:
     with pytest.raises(SchemaError, match=r"call reset\(\) first"):
         view.step({})
     view.reset(seed=1)
+    right = dict.fromkeys(view.agents, np.zeros(2, np.float32))
     with pytest.raises(SchemaError, match="no action for robot_1, robot_2, robot_3"):
         view.step({"robot_0": np.zeros(2, np.float32)})
+    for wrong in (dict.fromkeys(view.agents, np.zeros(3)), {**right, "robot_1": "x"}, None):
+        with pytest.raises(SchemaError, match="with an array of 2 numbers for each of"):
+            view.step(wrong)  # type: ignore[arg-type]
+    for seed in (-1, 2**64, 1.5, "3", True):
+        with pytest.raises(SchemaError, match="the seeds are"):
+            view.reset(seed=seed)  # type: ignore[arg-type]
+    view.step(right)  # the episode goes on
     with pytest.raises(SpecError, match="render_mode 'human' is unknown"):
         ParallelWorld(TaskSpec(), render_mode="human")
 
