@@ -272,7 +272,7 @@ class _Player:
 
 
 def _numbers(state: Any) -> dict[str, Any]:
-    """The numbers in a state by the names of its fields, without random keys.
+    """The numbers in states [T + 1, ...] by the names of their fields, without random keys.
 
     Old ones are arrays of two or four uint32.
     """
@@ -283,7 +283,7 @@ def _numbers(state: Any) -> dict[str, Any]:
         jax.tree_util.keystr(path).lstrip("."): leaf
         for path, leaf in leaves
         if not jax.dtypes.issubdtype(leaf.dtype, jax.dtypes.prng_key)
-        and not (leaf.dtype == np.uint32 and leaf.shape in ((2,), (4,)))
+        and not (leaf.dtype == np.uint32 and leaf.shape[1:] in ((2,), (4,)))
     }
 
 
