@@ -151,8 +151,9 @@ def actor_of(start: OfflineStart, *, squash: bool) -> TorchPolicy:
         "an actor-critic, or bc with its default output" if squash else "bc with --set output=clip"
     )
     raise CheckpointError(
-        f"{start.name} holds policies of {start.run.algorithm}, expected actors whose actions "
-        f"{'pass through tanh' if squash else 'are clipped'}. Start from a run of {cure}."
+        f"{start.name} holds policies of {start.run.algorithm} ({type(policy).__name__}), expected "
+        f"perceptrons whose actions {'pass through tanh' if squash else 'are clipped'}. Start from "
+        f"a run of {cure}, without memory and with policy_network=mlp."
     )
 
 

@@ -247,7 +247,7 @@ def _side_run_target(
             f"opponents, which only evaluate gives it: swarmdata evaluate {folder} --opponents "
             "scripted, or a run of another side"
         )
-    if task is not None:
+    if task is not None and find_spec(task).rules != trained.whole.rules:
         raise SpecError(
             f"{folder} was trained for one side, which plays in the task of its training, not in "
             f"{task}; leave the task (--task) out"

@@ -300,8 +300,10 @@ def tag_runs(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 def test_a_run_of_a_side_plays_against_opponents(
     tag_runs: dict[str, Path], side: str, rows: slice
 ) -> None:
-    target = find_target(str(tag_runs[side]), opponents="scripted")
+    target = find_target(str(tag_runs[side]), "tag", opponents="scripted")
     assert target.side is not None
+    with pytest.raises(SpecError, match="in the task of its training, not in coop_nav"):
+        find_target(str(tag_runs[side]), "coop_nav", opponents="scripted")
     assert target.measured.task == f"tag: {side} against scripted"
     step = make_env(TAG, 2).reset(evaluation_seeds(2))
     own = make_policy(tag_runs[side], seed=1)
