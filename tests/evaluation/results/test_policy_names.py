@@ -367,7 +367,7 @@ def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Pat
         ("was trained for the side pursuers of tag, and needs opponents", {}),
         ("was trained for the side pursuers, got side 'evader'", {"side": "evader"}),
         ("not trained for another side of tag than pursuers", {"opponents": run}),
-        ("plays in the task of its training", {"opponents": "idle", "task": "tag"}),
+        ("plays in the task of its training", {"opponents": "idle", "task": "coop_nav"}),
     ]
     for words, arguments in refused:
         with pytest.raises(SpecError, match=words):

@@ -175,8 +175,8 @@ def test_a_batch_has_its_share_of_recorded_rows(
 
 
 WRONG = [
-    ("maddpg", "vdn", {}, "expected actors whose actions pass through tanh"),
-    ("maddpg", "bc-clip", {}, "expected actors whose actions pass through tanh"),
+    ("maddpg", "vdn", {}, "expected perceptrons whose actions pass through tanh"),
+    ("maddpg", "bc-clip", {}, "expected perceptrons whose actions pass through tanh"),
     ("mappo", "bc", {}, "bc with --set output=clip"),
     ("vdn", "bc", {}, "--regulariser none or cql"),
     ("vdn", "vdn-bc", {}, "--regulariser none or cql"),
