@@ -362,11 +362,12 @@ class View(TrainingData[R]):
     @overload
     def make_env(
         self, n_copies: int = 1, *, api: Literal["pettingzoo"], backend: str | None = None,
-        randomization: Ranges | None = None,
+        randomization: Ranges | None = None, render_mode: str | None = None,
     ) -> Any: ...  # fmt: skip
     def make_env(
         self, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector",
         backend: str | None = None, randomization: Ranges | None = None,
+        render_mode: str | None = None,
     ) -> Any:  # fmt: skip
         """Builds the world that was recorded.
 
@@ -377,6 +378,7 @@ class View(TrainingData[R]):
             backend: simulator, such as `mujoco`; None: that of the recording.
             randomization: ranges from which each episode draws, such as `{"mass": (1, 2)}`; None:
                 those of the recording.
+            render_mode: as `swarmdata.make_env` takes it.
 
         Raises:
             UnknownNameError: another interface or simulator.
@@ -387,7 +389,8 @@ class View(TrainingData[R]):
         from swarmdata.registry.components import make_env  # noqa: PLC0415  (readers build none)
 
         spec = with_models(self.task, backend=backend, randomization=randomization)
-        return make_env(spec, n_copies, n_threads=n_threads, api=api)  # type: ignore[call-overload]
+        options: dict[str, Any] = {"n_threads": n_threads, "api": api, "render_mode": render_mode}
+        return make_env(spec, n_copies, **options)
 
     def normalized_score(self, returns: Sequence[float] | Double | float) -> Double:
         """Returns 100 (R - R0) / (R_expert - R0) for each team return, same shape.

@@ -263,11 +263,13 @@ def make_env(
 ) -> VecEnv: ...  # fmt: skip
 @overload
 def make_env(
-    spec: TaskSpec | Path | str, n_copies: int = 1, *, api: Literal["pettingzoo"]
-) -> Any: ...
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, api: Literal["pettingzoo"],
+    render_mode: str | None = None,
+) -> Any: ...  # fmt: skip
 def make_env(
-    spec: TaskSpec | Path | str, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector"
-) -> Any:
+    spec: TaskSpec | Path | str, n_copies: int = 1, *, n_threads: int = 1, api: str = "vector",
+    render_mode: str | None = None,
+) -> Any:  # fmt: skip
     """Builds the world of a task.
 
     Args:
@@ -278,12 +280,14 @@ def make_env(
             long against the 40 us that the threads need to meet.
         api: `vector` for a `VecEnv`, `pettingzoo` for a `ParallelEnv`, which needs PettingZoo. Both
             have `close()`.
+        render_mode: of a PettingZoo environment: `rgb_array` for pictures [H, W, 3] from `render`.
 
     Raises:
-        SpecError: the copies would not fit into memory, or the spec contradicts itself.
+        SpecError: the copies would not fit into memory, the spec contradicts itself, or there is no
+            such render mode.
         UnknownNameError: another interface.
-        SchemaError: `n_threads` is not positive, `n_copies` no whole number, or a PettingZoo
-            environment is to have several copies or threads.
+        SchemaError: `n_threads` is not positive, `n_copies` no whole number, a PettingZoo
+            environment is to have several copies or threads, or another one a render mode.
     """
     check_type("n_copies", n_copies, Integral, "a whole number")
     if n_threads < 1:
@@ -296,7 +300,9 @@ def make_env(
                 "a PettingZoo environment has 1 copy and 1 thread, got "
                 f"n_copies={n_copies} and n_threads={n_threads}"
             )
-        return kind(spec)
+        return kind(spec, render_mode)
+    if render_mode is not None:
+        raise SchemaError(f"got render_mode {render_mode!r}, which is of api pettingzoo")
     if problem := copies_excess(spec, n_copies):
         raise SpecError(problem)
     further = [make_task(spec) for _ in range(min(n_threads, n_copies) - 1)]

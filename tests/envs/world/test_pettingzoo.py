@@ -101,9 +101,12 @@ def test_wrong_use_is_refused() -> None:
 
 
 def test_make_env_builds_it_and_both_kinds_can_be_closed() -> None:
-    env = make_env(TaskSpec(), api="pettingzoo")
+    env = make_env(TaskSpec(), api="pettingzoo", render_mode="rgb_array")
     observations, _ = env.reset(seed=3)
     assert list(observations) == list(TaskSpec().agent_names)
+    assert env.render().shape[2] == 3
+    with pytest.raises(SchemaError, match="which is of api pettingzoo"):
+        make_env(TaskSpec(), render_mode="rgb_array")  # type: ignore[call-overload]
     env.close()
     copies = make_env(TaskSpec(), 2)
     copies.close()
