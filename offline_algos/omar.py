@@ -7,8 +7,8 @@ it is also pulled to the best action that a search finds. Each agent i learns of
     y_i    = r_i + gamma (1 - termination) min_j Q'_j(o'_i, i, pi'(o'_i, i) + clip(noise, -c, c))
     gap_ji = tau log integral exp(Q_j(o_i, i, b) / tau) db - Q_j(o_i, i, a_i)       (CQL, eq. 3)
     L(Q_j) = mean_i (Q_j(o_i, i, a_i) - y_i)^2 + alpha gap_ji               every update
-    L(pi)  = mean_i (1 - rho) (-Q_1(o_i, i, pi) / q) + rho |pi - best_i|^2          (eq. 4)
-             + w |pi - a_i|^2
+    L(pi)  = mean_i (1 - rho) (-Q_1(o_i, i, pi) / q) + rho/A |pi - best_i|^2        (eq. 4)
+             + w/A |pi - a_i|^2
              every `policy_delay`-th; q = max(mean |Q_1|, 1), detached
 
 With rho 0 it is independent CQL with an imitation term. The search (algorithm 1) begins with mu = 0
