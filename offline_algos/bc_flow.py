@@ -5,13 +5,14 @@ and one-step actors mu learn to reach its samples F from the same noise z, each 
 observation (Lipman et al. 2023, flow matching; the distillation is that of Flow Q-learning, Park,
 Li & Levine 2025, arXiv 2502.02538, without values):
 
-    L(v)  = E_t |v(c, x_t, t) - (a - z)|^2 / (N A),     x_t = (1 - t) z + t a
+    L(v)  = E_t (1 - t)^2 |v(c, x_t, t) - (a - z)|^2 / (N A),     x_t = (1 - t) z + t a
     L(mu) = 1/N sum_i 1/A |mu(o_i, z(i)) - T_i|^2,      T = F(c, z) + a - F(c, z')
 
 where z(i) is what robot i knows of the noise and z' is independent of z. A squared error to the
 data, as `bc` has, averages the modes of the data; this one averages only what neither o_i nor z(i)
-tells. Deviation from Flow Q-learning: its target is F(c, z). The rest of T takes the flow's error
-of the mean out of the students, `learn.flows.one_step_actor`; without `debiased` it is left out.
+tells. Deviations from Flow Q-learning: it has no (1 - t)^2, which makes L(v) the error of the end
+of the path, and its target is F(c, z). The rest of T takes the flow's error of the mean out of the
+students, `learn.flows.one_step_actor`; without `debiased` it is left out.
 
 z is drawn independently of the mode that c already tells: after a few steps the flow reads the mode
 from all observations, and a robot that sees less than all can read it neither there nor from z.

@@ -9,7 +9,8 @@ optimization (Bojanowski et al. 2018, "Optimizing the Latent Space of Generative
 
 In every episode that it plays, the team takes the latent of one recorded episode, which a seed that
 its robots agreed on chooses. It then follows that episode's convention, and follows each convention
-as often as the data do. What varies within an episode is averaged, as in `bc`.
+as often as the data do; of a mixture, as the episodes of all parts do, whatever their weights. What
+varies within an episode is averaged, as in `bc`.
 
 Deviations: latents are held small by a penalty, the paper's lie in a ball; the loss is a squared
 error; new latents are those of recorded episodes, not draws from a normal fitted to them.

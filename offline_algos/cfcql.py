@@ -38,6 +38,7 @@ from torch import Tensor
 
 from swarmdata.learn.networks.critics import JointGradient, RobotCritics, RobotView, others_of
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
+from swarmdata.learn.networks.presence import agent_mean
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.conservative import (
     cql_gap,
@@ -111,7 +112,7 @@ class CFCQL(LossActorCritic):
         """Returns sum_j L(Q_j), [K]; draws the noise of targets and penalty."""
         y = self.targets(batch)  # [K, B, N], without a gradient
         q = self.critics.q(x, batch.actions)  # [K, 2, B, N]
-        td_loss = td_error(q.flatten(2), y.flatten(1))  # [K]
+        td_loss = td_error(q.flatten(2), y.flatten(1), self.rewards.learned(batch))  # [K]
         gap = self.gap(batch, x, q).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2, 3))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)
@@ -138,23 +139,25 @@ class CFCQL(LossActorCritic):
         others = repeated(actions, n_samples)
         values = self.critics.sampled_q(x, samples.actions, others)  # [K, 2, B, N, M]
         density = torch.full_like(values[:, 0], uniform_log_density(actions.shape[3]))
-        return self.mean_gap(density, values, q)
+        return self.mean_gap(density, values, q, self.rewards.learned(batch))
 
-    def mean_gap(self, log_density: Tensor, values: Tensor, q: Tensor) -> Tensor:
+    def mean_gap(
+        self, log_density: Tensor, values: Tensor, q: Tensor, alive: Tensor | None
+    ) -> Tensor:
         """Returns the mean over robots of `cql_gap`, [K, 2].
 
         Samples have log densities [K, B, N, M] and values [K, 2, B, N, M], the data's actions q,
-        [K, 2, B, N].
+        [K, 2, B, N]; `alive`, [K, B, N], is None where all robots count.
         """
         flat = log_density.flatten(1, 2), values.flatten(2, 3), q.flatten(2)
-        return cql_gap(*flat, self.config.temperature, self.config.gap_limit)
+        return cql_gap(*flat, self.config.temperature, self.config.gap_limit, alive)
 
     def actor_loss(self, batch: Batch, x: RobotView, pi: Tensor, bc_loss: Tensor) -> Loss:
         """Returns L(pi), [K]; the critics' parameters are constants."""
         others = others_of(self.config.joint_gradient, pi, batch.actions)
         q = self.critics.first_q(x, pi, others)  # [K, B, N]
-        mean = q.mean((1, 2))
-        loss = self.config.bc_weight * bc_loss - mean / value_size(q)
+        mean = agent_mean(q, batch.alive)
+        loss = self.config.bc_weight * bc_loss - mean / value_size(q, batch.alive)
         return Loss(loss, {"policy_q": mean})
 
     def valuer(self, batch: Batch, x: RobotView) -> Valuer:

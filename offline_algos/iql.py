@@ -51,6 +51,7 @@ from swarmdata.learn.networks.actor import StackedActor
 from swarmdata.learn.networks.critics import Critic, RobotView
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards
 from swarmdata.learn.networks.optimizer import Descent
+from swarmdata.learn.networks.presence import agent_mean
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss, expectile_loss, td_error, td_target
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
@@ -131,10 +132,12 @@ class IQL(OfflineLearner):
         with torch.no_grad():
             q = self.critics.target_q(x, actions).amin(1)  # [K, R, N]
         advantages = q - self.values(x)
-        value_loss = expectile_loss(advantages, config.expectile).mean((1, 2))  # [K], eq. 5
+        alive = self.rewards.learned(steps)
+        value_loss = agent_mean(expectile_loss(advantages, config.expectile), alive)  # [K], eq. 5
         y = self.targets(steps)  # of the value network as it was
         self.descent.step_of("value", value_loss, scale)
-        critic_loss = td_error(self.critics.q(x, actions).flatten(2), y.flatten(1))  # eq. 6
+        q_now = self.critics.q(x, actions).flatten(2)
+        critic_loss = td_error(q_now, y.flatten(1), alive)  # eq. 6
         self.critics.step(critic_loss, scale)
         unit = RANGE / self.rewards.return_range
         preferences, reported = self.prefer(steps, x, actions, unit * advantages.detach())

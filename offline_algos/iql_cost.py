@@ -34,7 +34,7 @@ from torch import Tensor
 from swarmdata.errors import SchemaError
 from swarmdata.learn.networks.critics import RobotView
 from swarmdata.learn.networks.optimizer import Descent
-from swarmdata.learn.networks.presence import robot_ends
+from swarmdata.learn.networks.presence import agent_mean, robot_ends
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import td_error, td_target
 from swarmdata.learn.training.actor_critic import TRANSITION, robot_critics, value_network
@@ -85,9 +85,10 @@ class IQLCost(IQL):
             q = self.cost_critics.target_q(x, actions).amax(1)  # [K, R, N]
             y = self.cost_targets(steps)
         excess = q - self.cost_values(x)
-        value_loss = excess.square().mean((1, 2))  # [K]
+        value_loss = agent_mean(excess.square(), steps.alive)  # [K]
         self.cost_descent.step(value_loss, scale)
-        critic_loss = td_error(self.cost_critics.q(x, actions).flatten(2), y.flatten(1))
+        q_now = self.cost_critics.q(x, actions).flatten(2)
+        critic_loss = td_error(q_now, y.flatten(1), steps.alive)
         self.cost_critics.step(critic_loss, scale)
         self.cost_critics.follow(self.config.tau)
         losses = critic_loss, value_loss, q.mean((1, 2))

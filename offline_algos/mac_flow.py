@@ -70,7 +70,7 @@ from swarmdata.learn.networks.network_inputs import (
     information,
     normal_like,
 )
-from swarmdata.learn.networks.presence import acting
+from swarmdata.learn.networks.presence import acting, agent_mean
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -154,23 +154,26 @@ class Climb:
         return bool(self.slope.all())
 
     @torch.no_grad()
-    def measure(self, samples: Tensor, noise: Tensor, value_of: Callable[[Tensor], Tensor]) -> None:
+    def measure(
+        self, samples: Tensor, noise: Tensor, value_of: Callable[[Tensor], Tensor],
+        alive: Tensor | None = None,
+    ) -> None:  # fmt: skip
         """Takes the scales of M samples of the flow in each row, [K, B, N, M, A].
 
         The noise of the draws is standard normal, [K, B, N, M, A]; `value_of` gives the values
-        [K, B, N, M] of robots' actions.
+        [K, B, N, M] of robots' actions, of which those that are `alive`, [K, B, N], count.
         """
-        variance = samples.var(3).mean((1, 2, 3)).clamp(min=1e-6)  # [K]
+        variance = agent_mean(samples.var(3), alive).clamp(min=1e-6)  # [K]
         spread = variance.sqrt()
         drawn = samples.mean(3, keepdim=True) + spread[:, None, None, None, None] * noise
         values = value_of(drawn.clamp(-1, 1))
-        self.slope = (values.std(3).mean((1, 2)) / spread).clamp(min=1e-6)
+        self.slope = (agent_mean(values.std(3), alive) / spread).clamp(min=1e-6)
         self.weight = 2 * self._eta * variance / (samples.shape[4] * self.slope)
 
-    def loss(self, pi: Tensor, values: Tensor) -> Tensor:
+    def loss(self, pi: Tensor, values: Tensor, alive: Tensor | None = None) -> Tensor:
         """Returns the loss, [K], whose gradient counts, of pi [K, B, N, A] and values [K, B, N]."""
         pull = bounded_gradient(values, pi, self._limit * self.slope)
-        return -self.weight * (pull * pi).sum(3).mean((1, 2))
+        return -self.weight * agent_mean((pull * pi).sum(3), alive)
 
     def state_dict(self) -> dict[str, Tensor]:
         """The scales, as copies."""
@@ -232,8 +235,8 @@ class MACFlow(OfflineLearner):
         total = reported["distillation_loss"] = cloning_loss(pi, targets, batch.alive)
         if self.n_updates >= first:
             if first == 0 or not self.climb.is_measured:
-                self.measure_climb(s, o, batch.actions)
-            climb_loss, reported_of_climb = self.climb_loss(s, o, pi)
+                self.measure_climb(s, o, batch)
+            climb_loss, reported_of_climb = self.climb_loss(s, o, pi, batch.alive)
             total, reported = total + climb_loss, reported | reported_of_climb
         self.copy.step(total, scale)
         self.n_updates += 1
@@ -249,7 +252,7 @@ class MACFlow(OfflineLearner):
             q = self.critics.agent_values(o, batch.actions).flatten(2)  # [K, 2, B N]
         else:
             q = self.critics.q(s, o, batch.actions)  # [K, 2, B]
-        loss = td_error(q, y)
+        loss = td_error(q, y, self.rewards.learned(batch))
         return Loss(loss, {"critic_loss": loss, "q": q.mean((1, 2))})
 
     @torch.no_grad()
@@ -268,11 +271,12 @@ class MACFlow(OfflineLearner):
         q_next = q_next.clamp(max=self.rewards.max_value)
         return td_target(r[..., 0], batch.terminations, q_next, discount)
 
-    def measure_climb(self, s: Tensor, o: Tensor, actions: Tensor) -> None:
-        """Measures how far actors may climb, on actions of the data, [K, B, N, A]; draws noise.
+    def measure_climb(self, s: Tensor, o: Tensor, batch: Batch) -> None:
+        """Measures how far actors may climb, on actions of the data; draws noise.
 
         States and observations, [K, B, S] and [K, B, N, O], are normalized.
         """
+        actions = batch.actions
 
         def value_of(drawn: Tensor) -> Tensor:  # [K, B, N, M, A] -> [K, B, N, M]
             if self.config.reward == "own":
@@ -282,20 +286,20 @@ class MACFlow(OfflineLearner):
         x = information(s, o)
         draws = [[normal_like(self.generators, actions) for _ in range(N_DRAWS)] for _ in range(2)]
         samples = torch.stack([self.copy.flow.sample(x, z) for z in draws[0]], 3)
-        self.climb.measure(samples, torch.stack(draws[1], 3), value_of)
+        self.climb.measure(samples, torch.stack(draws[1], 3), value_of, batch.alive)
 
-    def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor) -> Loss:
+    def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor, alive: Tensor | None) -> Loss:
         """Returns - lambda mean_i clip(dQ_i / dmu_i, slope_limit s) mu_i, [K], of pi [K, B, N, A].
 
         States and observations, [K, B, S] and [K, B, N, O], are normalized.
         """
         if self.config.reward == "own":
             values = self.critics.own_values(o, pi)  # [K, B, N]
-            worth = values.mean((1, 2))
+            worth = agent_mean(values, alive)
         else:  # equal shares: the gradient of their sum is that of the team's value
             team = self.critics.smallest_q(s, o, pi)  # [K, B]
             values, worth = (team / pi.shape[2])[..., None].expand(pi.shape[:3]), team.mean(1)
-        loss = self.climb.loss(pi, values)
+        loss = self.climb.loss(pi, values, alive)
         return Loss(loss, {"policy_q": worth, "lambda": self.climb.weight})
 
     def policy(self, index: int) -> FlowPolicy | RecurrentFlowPolicy:

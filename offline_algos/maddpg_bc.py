@@ -63,7 +63,7 @@ from swarmdata.learn.networks.critics import (
     others_of,
 )
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards, normal_like
-from swarmdata.learn.networks.presence import acting
+from swarmdata.learn.networks.presence import acting, agent_mean
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss, td_error, td_target, value_size
 from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
@@ -137,7 +137,7 @@ class MADDPGBC(TwoStageActorCritic):
         """Fills the critics' gradients with that of sum_j L(Q_j); returns losses, each [K]."""
         y = self.targets(batch, noise)
         q = self.critics.q(x, batch.actions)  # [K, 2, B, N]
-        critic_loss = td_error(q.flatten(2), y.flatten(1))  # [K]
+        critic_loss = td_error(q.flatten(2), y.flatten(1), self.rewards.learned(batch))  # [K]
         self.critics.online.backward(critic_loss.sum())
         return {"critic_loss": critic_loss.detach(), "q": q.detach().mean((1, 2, 3))}
 
@@ -164,7 +164,8 @@ class MADDPGBC(TwoStageActorCritic):
         """
         y = self.targets(batch, torch.zeros_like(batch.actions))  # [K, B, N]
         q = self.critics.q(self.critic_inputs(batch), batch.actions)  # [K, 2, B, N]
-        return (q - y[:, None]).square().mean((1, 2, 3)) / self.rewards.scale**2
+        error = td_error(q.flatten(2), y.flatten(1), self.rewards.learned(batch))  # of two critics
+        return error / (2 * self.rewards.scale**2)
 
     def actor_step(
         self, batch: Batch, x: RobotView, scale: float, is_warmup: bool
@@ -187,9 +188,10 @@ class MADDPGBC(TwoStageActorCritic):
         if rl_weight != 0:
             others = others_of(self.config.joint_gradient, pi, batch.actions)
             q = self.critics.first_q(x, pi, others)  # [K, B, N]; parameters are constants
-            lam = rl_weight / value_size(q)  # [K]
-            actor_loss = bc_loss - lam * q.mean((1, 2))
-            losses |= {"policy_q": q.mean((1, 2)), "lambda": lam}
+            lam = rl_weight / value_size(q, batch.alive)  # [K]
+            policy_q = agent_mean(q, batch.alive)
+            actor_loss = bc_loss - lam * policy_q
+            losses |= {"policy_q": policy_q, "lambda": lam}
         self.actor.online.network.backward(actor_loss.sum())
         return {name: loss.detach() for name, loss in losses.items()}
 

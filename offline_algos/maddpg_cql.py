@@ -16,6 +16,7 @@ Deviations:
   own kind, that of noise before actions are clipped to [-1, 1].
 - The policies are deterministic; samples near them have Gaussian noise (`sample_noise`), as in the
   code of OMAR and CFCQL, with its log-density (OMAR's subtracts the density itself).
+- In a frame, pi(o') has the numbers that it has in the frame of o', and is not turned to that of o.
 - No Lagrange multiplier: alpha is fixed. All others of `cfcql`.
 """
 
@@ -55,7 +56,7 @@ class MADDPGCQL(CFCQL):
         samples = self.samples(batch)
         values = self.critics.sampled_q(x, samples.actions, samples.actions)  # [K, 2, B, N, 3 M]
         density = samples.log_density[:, :, None].expand_as(values[:, 0])
-        return self.mean_gap(density, values, q)
+        return self.mean_gap(density, values, q, self.rewards.learned(batch))
 
     @torch.no_grad()
     def samples(self, batch: Batch) -> Samples:

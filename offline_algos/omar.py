@@ -45,6 +45,7 @@ from swarmdata.learn.networks.network_inputs import (
     normal_like,
     with_agent_id,
 )
+from swarmdata.learn.networks.presence import agent_mean
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.conservative import cql_gap, uniform_samples
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, value_size
@@ -111,8 +112,8 @@ class OMAR(LossActorCritic):
         actions = by_agent(batch.actions)
         y = self.targets(batch)  # without a gradient
         q = self.critics.q(x, actions)[..., 0]  # [K, 2, B N]
-        td_loss = td_error(q, y)  # [K]
-        gap = self.gap(x, actions, q).sum(1)  # [K]
+        td_loss = td_error(q, y, batch.alive)  # [K]
+        gap = self.gap(x, actions, q, batch.alive).sum(1)  # [K]
         reported = {"critic_loss": td_loss, "gap": gap, "q": q.mean((1, 2))}
         return Loss(td_loss + self.config.cql_weight * gap, reported)
 
@@ -134,8 +135,8 @@ class OMAR(LossActorCritic):
         ends = self.rewards.ends(batch).expand_as(r)
         return td_target(r.flatten(1), ends.flatten(1), q_next, self.config.discount)
 
-    def gap(self, x: Tensor, actions: Tensor, q: Tensor) -> Tensor:
-        """Returns gap_j, [K, 2], the mean over agents; draws actions.
+    def gap(self, x: Tensor, actions: Tensor, q: Tensor, alive: Tensor | None) -> Tensor:
+        """Returns gap_j, [K, 2], the mean over agents that are `alive`; draws actions.
 
         Critics see x, [K, B N, O + N]; their values of the data's actions, [K, B N, 1, A], are q,
         [K, 2, B N].
@@ -143,15 +144,18 @@ class OMAR(LossActorCritic):
         samples = uniform_samples(self.generators, actions, self.config.n_samples)
         values = self.critics.sampled_q(x, samples.actions)[..., 0]  # [K, 2, B N, M]
         config = self.config
-        return cql_gap(samples.log_density, values, q, config.temperature, config.gap_limit)
+        settings = config.temperature, config.gap_limit
+        return cql_gap(samples.log_density, values, q, *settings, alive)
 
     def actor_loss(self, batch: Batch, x: Tensor, pi: Tensor, bc_loss: Tensor) -> Loss:
         """Returns L(pi), eq. 4; the critics' parameters and the search's actions are constants."""
         rho, pi = self.config.rectification, by_agent(pi)  # [K, B N, 1, A]
-        search_loss = (pi - self.search(x, pi)).square().mean((1, 2, 3))  # [K]
-        q = self.critics.first_q(x, pi)[..., 0]  # [K, B N]
-        rectified = rho * search_loss - (1 - rho) * q.mean(1) / value_size(q)
-        reported = {"policy_q": q.mean(1), "search_loss": search_loss}
+        alive = None if batch.alive is None else batch.alive.flatten(1)[..., None]  # [K, B N, 1]
+        search_loss = agent_mean((pi - self.search(x, pi)).square(), alive)  # [K]
+        q = self.critics.first_q(x, pi)  # [K, B N, 1]
+        policy_q = agent_mean(q, alive)
+        rectified = rho * search_loss - (1 - rho) * policy_q / value_size(q, alive)
+        reported = {"policy_q": policy_q, "search_loss": search_loss}
         return Loss(rectified + self.config.bc_weight * bc_loss, reported)
 
     @torch.no_grad()

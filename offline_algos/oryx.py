@@ -22,10 +22,10 @@ copy V' of V,
     L(pi)  = -E w_t,i log pi(a_t,i | h_t,1, ..., h_t,i, a_t,1, ..., a_t,i-1)
     w_t,i  = exp(beta A_t,i) / Z,    A_t,i = (G_t,i - V(x_{t,i})) / sigma_A,
 
-Z the mean over a batch, as in Yang et al. 2021, equation 9, and in Oryx's loss; A is clipped to
-[-2, 2] and sigma_A is its deviation in the batch, so that few rows never have all the weight: of
-normal advantages, the effective sample size is exp(-beta^2) of the batch. With beta 0 it is a
-clone.
+Z the mean over a batch, as in Yang et al. 2021, equation 9, and in Oryx's loss; A, less its mean in
+the batch, is clipped to [-2, 2], and sigma_A is its deviation there, so that few rows never have
+all the weight: of normal advantages, the effective sample size is exp(-beta^2) of the batch. With
+beta 0 it is a clone.
 
 Deviations from Oryx:
 - Actions are continuous, so a mixture takes the place of the softmax over choices.
@@ -119,9 +119,10 @@ class Oryx(OfflineLearner):
         steps, outputs = self.actor.along(now)
         values = self.values(self.value, steps.states, steps.observations)
         errors = returns - values
-        value_loss = errors.square().mean((1, 2))
+        value_loss = agent_mean(errors.square(), self.rewards.learned(steps))
         self.descent.step_of("value", value_loss, scale)
-        weights = batch_weights(config.inverse_temperature * standard_advantages(errors))
+        preferences = config.inverse_temperature * standard_advantages(errors, steps.alive)
+        weights = batch_weights(preferences, steps.alive)
         mixture = Mixture.of(outputs, config.n_components)
         surprise = mixture.surprise(steps.actions, config.deviation)
         actor_loss = agent_mean(weights * surprise, steps.alive)
@@ -147,8 +148,11 @@ class Oryx(OfflineLearner):
         states = batch.next_states[:, :, window].flatten(1, 2)
         observations = batch.next_observations[:, :, window].flatten(1, 2)
         v_next = self.values(target, states, observations)
+        goes_on, alive = mask[..., None], self.rewards.learned(batch)
+        if alive is not None:
+            goes_on = goes_on & alive[:, :, window]
         returns = lambda_returns(
-            rewards, self.rewards.ends(batch)[:, :, window], v_next.view(rewards.shape), mask,
+            rewards, self.rewards.ends(batch)[:, :, window], v_next.view(rewards.shape), goes_on,
             config.discount, config.trace_decay,
         )  # fmt: skip
         return take(returns, learned_rows(mask, config.window))
@@ -177,15 +181,15 @@ def lambda_returns(
 ) -> Tensor:
     """Returns G_t of the steps of windows, [K, B, L, N]; the last of a window bootstraps alone.
 
-    Rewards, and V' of the states reached, are [K, B, L, N], ends [K, B, L, N or 1]; the mask, [K,
-    B, L], is False on padding. `trace_decay` is lambda.
+    Rewards, and V' of the states reached, are [K, B, L, N]; ends, and the mask, which is False on
+    padding and where a robot has left, are [K, B, L, N or 1]. `trace_decay` is lambda.
     """
     goes_on = discount * (~ends)
     following, found = next_values[:, :, -1], []
     for t in range(rewards.shape[2] - 1, -1, -1):
         v = next_values[:, :, t]
         if t + 1 < rewards.shape[2]:
-            is_step = mask[:, :, t + 1, None]
+            is_step = mask[:, :, t + 1]
             following = torch.where(is_step, torch.lerp(v, following, trace_decay), v)
         following = rewards[:, :, t] + goes_on[:, :, t] * following
         found.append(following)

@@ -119,8 +119,8 @@ def copy_weights(
     """Copies a policy's weights and input statistics into the actors of seed number `index`."""
     if not isinstance(policy, TorchPolicy) or policy.squash:
         raise CheckpointError(
-            f"{source} holds a {type(policy).__name__}, expected a perceptron whose means are "
-            "clipped. Start from a run of mappo without memory."
+            f"{source} holds policies of another algorithm ({type(policy).__name__}), expected "
+            "perceptrons whose means are clipped. Start from a run of mappo without memory."
         )
     if policy.frame != frame or policy.parameters != actors.parameters:
         raise CheckpointError(

@@ -199,7 +199,7 @@ def test_each_critic_is_penalized_for_its_own_values(name: str) -> None:
     for critic in range(2):
         if name == "omar":
             actions = by_agent(batch.actions)
-            gap = algorithm.gap(x, actions, algorithm.critics.q(x, actions)[..., 0])
+            gap = algorithm.gap(x, actions, algorithm.critics.q(x, actions)[..., 0], None)
         else:
             gap = algorithm.gap(batch, x, algorithm.critics.q(x, batch.actions))
         assert gap.shape == (1, 2)

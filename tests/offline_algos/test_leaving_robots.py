@@ -75,6 +75,35 @@ class Tempting(Leaving):
         return seen, rewards, ends, cuts, {name: {} for name in seen}
 
 
+class Interrupted(Leaving):
+    """Whoever begins below 0 gets 1.5 a step instead of 1; there, half of the steps cut `second`.
+
+    A cut is no end: what an agent sees where it is cut is worth what others get there.
+    """
+
+    def reset(self, seed: int | None = None, options: Any = None) -> Any:
+        self.place = dict.fromkeys(self.possible_agents, 0.0)
+        return super().reset(seed)
+
+    def see(self) -> dict[str, Any]:
+        return {
+            name: np.array([self.place[name], self.time == 0], np.float32) for name in self.agents
+        }
+
+    def step(self, actions: dict[str, Any]) -> Any:
+        self.time += 1
+        for name, action in actions.items():
+            if self.time == 1:
+                self.taken[name].append(float(np.ravel(action)[0]))
+                self.place[name] = 1.0 if self.taken[name][-1] >= 0 else -1.0
+        rewards = {name: 1.0 if self.place[name] > 0 else 1.5 for name in actions}
+        is_cut = self.place["second"] < 0 and self.rng.random() < 0.5
+        cuts = {name: self.time == 10 or (name == "second" and is_cut) for name in actions}
+        seen = self.see()
+        self.agents = [name for name in self.agents if not cuts[name]]
+        return seen, rewards, dict.fromkeys(actions, False), cuts, {name: {} for name in seen}
+
+
 def recorded(
     folder: Path, space: Box | Discrete, kind: type[Leaving] = Leaving, spread: float = 0.05
 ) -> swarmdata.Dataset:
@@ -150,6 +179,19 @@ def test_a_value_ends_with_the_agent(algorithm: str, tmp_path: Path) -> None:
     weak = {"cql_weight": 0.1} if algorithm == "cfcql" else {}
     played(algorithm, data, tmp_path / "run", env, n_updates=600, **weak)
     assert len(env.taken["second"]) == 8 * 10, "it stays"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ["iql", "maddpg_bc", "omar", "oryx", "mac_flow"])
+def test_a_value_does_not_end_where_an_agent_is_cut(algorithm: str, tmp_path: Path) -> None:
+    data = recorded(tmp_path / "data", Box(-1, 1, (1,), np.float32), Interrupted, spread=0.6)
+    env = Interrupted(Box(-1, 1, (1,), np.float32))
+    changes: dict[str, dict[str, Any]] = {
+        "maddpg_bc": {"extraction": "weighted"},
+        "oryx": {"value_learning_rate": 0.01, "tau": 0.1},
+    }
+    settings = {"n_updates": 900, **changes.get(algorithm, {})}
+    assert played(algorithm, data, tmp_path / "run", env, **settings) < 0
 
 
 @pytest.mark.slow

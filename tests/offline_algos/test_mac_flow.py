@@ -74,7 +74,7 @@ def measured(reward: Reward) -> tuple[MACFlow, Batch]:
     algorithm, batch = made(MACFlow, reward=reward, slope_limit=1e6, **TINY), random_batch()
     with torch.no_grad():
         algorithm.critics.utilities.layers[-1].weight.mul_(200.0)
-    algorithm.measure_climb(batch.states, batch.observations, batch.actions)
+    algorithm.measure_climb(batch.states, batch.observations, batch)
     return algorithm, batch
 
 
@@ -89,7 +89,7 @@ def worth(algorithm: MACFlow, batch: Batch, pi: Tensor) -> Tensor:
 def test_actors_climb_the_smaller_value_of_what_the_reward_is_of(reward: Reward) -> None:
     algorithm, batch = measured(reward)
     pi = torch.zeros(1, 32, 2, 2, requires_grad=True)
-    loss, reported = algorithm.climb_loss(batch.states, batch.observations, pi)
+    loss, reported = algorithm.climb_loss(batch.states, batch.observations, pi, None)
     (found,) = torch.autograd.grad(loss.sum(), pi)
     weight = algorithm.climb.weight / (32 * 2)  # a mean over rows and robots
     (expected,) = torch.autograd.grad(-(weight * worth(algorithm, batch, pi)).sum(), pi)
@@ -108,8 +108,9 @@ def test_the_climb_is_measured_on_samples_of_the_flow(
     left = iter(sampled)
     monkeypatch.setattr(algorithm.copy.flow, "sample", lambda *_: next(left))
     monkeypatch.setattr(algorithm.climb, "measure", lambda *found: seen.append(found))
-    algorithm.measure_climb(batch.states, batch.observations, batch.actions)
-    ((samples, noise, value_of),) = seen
+    algorithm.measure_climb(batch.states, batch.observations, batch)
+    ((samples, noise, value_of, alive),) = seen
+    assert alive is None
     assert torch.equal(samples, torch.stack(sampled, 3))
     assert noise.shape == (1, 32, 2, N_DRAWS, 2)
     joint = batch.actions.clone()
@@ -129,7 +130,7 @@ def test_a_flow_that_fits_badly_does_not_climb_further(monkeypatch: pytest.Monke
         monkeypatch.setattr(
             algorithm.copy.flow, "sample", lambda x, z, around=around: around + 0.1 * z
         )
-        algorithm.measure_climb(batch.states, batch.observations, batch.actions)
+        algorithm.measure_climb(batch.states, batch.observations, batch)
         weights.append(float(algorithm.climb.weight * algorithm.climb.slope))
     assert weights[0] == pytest.approx(2 * 0.01, rel=0.3)  # 2 eta v / A
     assert weights[1] == pytest.approx(weights[0])

@@ -25,7 +25,9 @@ def test_returns_of_a_window_by_hand() -> None:
     ends = torch.tensor([[[False, False, True], [False, False, False]]])[..., None]
     v = torch.tensor([[[10.0], [20.0], [30.0]], [[10.0], [20.0], [30.0]]])[None]
     mask = torch.tensor([[[True, True, True], [True, True, False]]])
-    found = lambda_returns(rewards, ends, v, mask, discount=0.5, trace_decay=0.75)[0, ..., 0]
+    found = lambda_returns(rewards, ends, v, mask[..., None], discount=0.5, trace_decay=0.75)[
+        0, ..., 0
+    ]
     second = 2 + 0.5 * (0.25 * 20 + 0.75 * 4)
     assert found[0].tolist() == [1 + 0.5 * (0.25 * 10 + 0.75 * second), second, 4.0]
     second = 2 + 0.5 * 20

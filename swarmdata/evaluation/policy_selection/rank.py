@@ -102,12 +102,7 @@ def rank(
         raise SchemaError("got n_episodes and results, expected one of them: both provide scores")
     check_device(device)
     dataset = _dataset(folders, dataset_id, progress=progress)
-    if n_episodes is not None and isinstance(dataset.spec, SideSpec):
-        raise SpecError(
-            f"got {n_episodes} episodes for policies of {dataset.spec.task}, which need opponents. "
-            "Evaluate the runs first (swarmdata evaluate RUN --opponents NAME --out FOLDER), and "
-            "give that folder as results (--results)."
-        )
+    _check_no_side(dataset, n_episodes)
     parts = dataset.split("train"), dataset.split("validation")
     if not len(parts[1]):
         raise SchemaError(f"{dataset.id}: {empty_validation(len(dataset))}")
@@ -130,6 +125,15 @@ def rank(
         policies=_sorted(rows, by),
         quality=_qualities(rows),
     )
+
+
+def _check_no_side(dataset: Dataset, n_episodes: int | None) -> None:
+    if n_episodes is not None and isinstance(dataset.spec, SideSpec):
+        raise SpecError(
+            f"got {n_episodes} episodes for policies of {dataset.spec.task}, which need opponents. "
+            "Evaluate the runs first (swarmdata evaluate RUN --opponents NAME --out FOLDER), and "
+            "give that folder as results (--results)."
+        )
 
 
 def _dataset(folders: Sequence[Path], dataset_id: str | None, *, progress: bool) -> Dataset:

@@ -136,3 +136,7 @@ class RobotRewards:
     def ends(self, batch: Batch) -> Tensor:
         """Returns after which steps no rewards follow, bool [K, B, N] or [K, B, 1]."""
         return robot_ends(batch) if self._is_own else batch.terminations[..., None]
+
+    def learned(self, batch: Batch) -> Tensor | None:
+        """Returns whose values critics learn, bool [K, B, N]; None: those of all."""
+        return batch.alive if self._is_own else None

@@ -1,7 +1,8 @@
-"""Agents that have left an episode: they choose nothing, and no actor learns from their rows.
+"""Agents that have left an episode: they choose nothing, and nobody learns from their rows.
 
-Critics do learn from them, that an agent which has left is worth nothing more: its own return ends
-with its own termination, though it still observes what it has reached (`robot_ends`).
+An agent's own return ends with its own termination (`robot_ends`). After its own truncation, its
+value is that of what it has reached, which critics know from agents that are there: rows of absent
+ones would teach them that it is worth nothing. Values of the team's reward go on without an agent.
 """
 
 import torch

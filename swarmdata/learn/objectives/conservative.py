@@ -20,6 +20,7 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.networks.network_inputs import normal_like, uniform_like
+from swarmdata.learn.objectives.losses import critics_mean
 
 
 class Samples(NamedTuple):
@@ -78,8 +79,9 @@ def soft_maximum(values: Tensor, log_density: Tensor, temperature: float) -> Ten
 
 
 def cql_gap(
-    log_density: Tensor, values: Tensor, q: Tensor, temperature: float, limit: float
-) -> Tensor:
+    log_density: Tensor, values: Tensor, q: Tensor, temperature: float, limit: float,
+    alive: Tensor | None = None,
+) -> Tensor:  # fmt: skip
     """Returns gap_j, the penalty of each critic, as a mean over rows, [K, J].
 
     It is linear in Q, so that nothing else ends it: where all data are alike, values of other
@@ -88,10 +90,10 @@ def cql_gap(
     threshold of CQL's Lagrange multiplier does for the mean of rows (Kumar et al. 2020, eq. 30).
 
     Sampled actions have log densities [K, B, M] and values [K, J, B, M], the data's actions q, [K,
-    J, B]; the temperature is tau of the soft maximum.
+    J, B]; the temperature is tau of the soft maximum; `alive` is as in `losses.critics_mean`.
     """
     gaps = soft_maximum(values, log_density, temperature) - q
-    return gaps.clamp(min=-limit).mean(2)
+    return critics_mean(gaps.clamp(min=-limit), alive)
 
 
 def repeated(actions: Tensor, n_samples: int) -> Tensor:

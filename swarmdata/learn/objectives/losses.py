@@ -59,18 +59,34 @@ def td_target(
     return rewards + discount * (~terminations) * next_values
 
 
-def td_error(q: Tensor, y: Tensor) -> Tensor:
-    """Returns sum_j (Q_j - y)^2, the mean over rows, [K], of values [K, J, B] and y [K, B]."""
-    return (q - y[:, None]).square().mean(2).sum(1)
+def critics_mean(errors: Tensor, alive: Tensor | None = None) -> Tensor:
+    """Returns the mean over rows, [K, J], of what J critics have, [K, J, R].
+
+    Rows of robots that have left, which `alive`, bool [K, ...] of R rows, says, do not count.
+    """
+    if alive is None:
+        return errors.mean(2)
+    return torch.stack([agent_mean(each, alive.flatten(1)) for each in errors.unbind(1)], 1)
 
 
-def value_size(q: Tensor) -> Tensor:
+def td_error(q: Tensor, y: Tensor, alive: Tensor | None = None) -> Tensor:
+    """Returns sum_j (Q_j - y)^2, the mean over rows, [K], of values [K, J, R] and y [K, R].
+
+    `alive` is as in `critics_mean`.
+    """
+    return critics_mean((q - y[:, None]).square(), alive).sum(1)
+
+
+def value_size(q: Tensor, alive: Tensor | None = None) -> Tensor:
     """Returns max(mean |Q|, 1), a constant, [K], of values [K, ...] in scaled rewards.
+
+    `alive`, of the same shape, leaves rows of robots out that have left.
 
     It divides values in an actor's loss (Fujimoto & Gu 2021, eq. 5). 1 is one standard deviation of
     the returns-to-go: returns cross 0, where the paper's quotient explodes.
     """
-    return q.detach().abs().flatten(1).mean(1).clamp(min=1.0)
+    size = q.detach().abs()
+    return (size.flatten(1).mean(1) if alive is None else agent_mean(size, alive)).clamp(min=1.0)
 
 
 def expectile_loss(errors: Tensor, expectile: float) -> Tensor:
@@ -86,20 +102,33 @@ LARGEST_ADVANTAGE = 2.0
 """In deviations of the advantages of a batch."""
 
 
-def standard_advantages(advantages: Tensor) -> Tensor:
+def standard_advantages(advantages: Tensor, alive: Tensor | None = None) -> Tensor:
     """Returns advantages less their mean, over their deviation, clipped, without a gradient.
 
     With exponents beta times these, weights depend on no unit of rewards, and no row has all of
-    them. Mean and deviation are over rows and robots of each seed, [K, R, N].
+    them. Mean and deviation are over rows and robots of each seed, [K, R, N], that are `alive`.
     """
-    centered = advantages.detach() - advantages.detach().mean((1, 2), keepdim=True)
-    deviation = centered.square().mean((1, 2), keepdim=True).sqrt() + 1e-6
+    centered = advantages.detach() - _mean_of_seeds(advantages.detach(), alive)
+    deviation = _mean_of_seeds(centered.square(), alive).sqrt() + 1e-6
     return (centered / deviation).clamp(-LARGEST_ADVANTAGE, LARGEST_ADVANTAGE)
 
 
-def batch_weights(exponents: Tensor) -> Tensor:
-    """Returns exp(z) / Z of exponents z, [K, R, N], Z the mean over rows and robots of a seed."""
-    return exponents.flatten(1).softmax(1).view(exponents.shape) * exponents[0].numel()
+def _mean_of_seeds(values: Tensor, alive: Tensor | None) -> Tensor:
+    """The mean over rows and robots, [K, 1, 1], of values [K, R, N]."""
+    if alive is None:
+        return values.mean((1, 2), keepdim=True)
+    return agent_mean(values, alive)[:, None, None]
+
+
+def batch_weights(exponents: Tensor, alive: Tensor | None = None) -> Tensor:
+    """Returns exp(z) / Z of exponents z, [K, R, N], Z the mean over rows and robots of a seed.
+
+    Robots that have left, which `alive` says, have weight 0 and no part in the mean.
+    """
+    if alive is None:
+        return exponents.flatten(1).softmax(1).view(exponents.shape) * exponents[0].numel()
+    rest = exponents.masked_fill(~alive, -torch.inf)
+    return rest.flatten(1).softmax(1).view(rest.shape) * alive.sum((1, 2), keepdim=True)
 
 
 def cloning_loss(pi: Tensor, actions: Tensor, alive: Tensor | None = None) -> Tensor:

@@ -76,7 +76,7 @@ def row_weights(
 
     def weights(beta: Tensor) -> Tensor:
         logs = (beta[:, None] * flat).clamp(max=math.log(LARGEST_WEIGHT))
-        return (logs - logs.amax(1, keepdim=True)).exp()
+        return (logs - logs.amax(1, keepdim=True)).exp() * (flat > ABSENT)
 
     def is_enough(beta: Tensor) -> Tensor:
         return effective_share_of(weights(beta)) >= share

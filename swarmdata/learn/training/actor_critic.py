@@ -42,7 +42,7 @@ from swarmdata.learn.networks.network_inputs import (
 )
 from swarmdata.learn.networks.optimizer import Descent, StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.presence import acting
+from swarmdata.learn.networks.presence import acting, agent_mean
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, anchored_loss, cloning_loss, tilted_loss
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
@@ -254,8 +254,8 @@ class TwoStageActorCritic(OfflineLearner):
     def update(self, batch: Batch) -> dict[str, Any]:
         """One step on tensors [K, B, ...]; returns losses [K], the actor's only when it moves.
 
-        Actors and targets move in every update of the warm-up, and then in every `policy_delay`-th
-        (Fujimoto et al. 2018, algorithm 1).
+        Actors and targets move in every update of the warm-up and of the second stage, and between
+        these in every `policy_delay`-th (Fujimoto et al. 2018, algorithm 1).
         """
         config, stage, scale = self.config, self.second_stage, self.scale
         is_second = stage is not None and self.n_updates >= self.first_stage
@@ -354,7 +354,7 @@ class SecondStage:
         """Moves the actor; returns losses, each [K]."""
         moments = self.density.moments(batch.observations, batch.actions)
         if not self._slope.all():
-            self._slope = self._measure_slope(moments, valuer)
+            self._slope = self._measure_slope(moments, valuer, batch.alive)
         loss, values = self._loss(batch, moments, valuer)
         self._adam.step(loss, scale)
         return {"extraction_loss": loss.detach(), "extracted_q": values.mean((1, 2)).detach()}
@@ -388,10 +388,12 @@ class SecondStage:
         return (mean + deviation * noise).clamp(-1, 1)
 
     @torch.no_grad()
-    def _measure_slope(self, moments: tuple[Tensor, Tensor], valuer: Valuer) -> Tensor:
+    def _measure_slope(
+        self, moments: tuple[Tensor, Tensor], valuer: Valuer, alive: Tensor | None
+    ) -> Tensor:
         """Returns the deviation of Q_i per deviation of actions under the density, [K]."""
         values = valuer.of_candidates(self._draw(moments))
-        slope: Tensor = values.std(3).mean((1, 2)) / moments[1].mean((1, 2, 3))
+        slope = agent_mean(values.std(3), alive) / agent_mean(moments[1], alive)
         return slope.clamp(min=1e-6)
 
     def state_dict(self) -> dict[str, Tensor]:

@@ -200,6 +200,26 @@ def test_of_a_team_all_robots_have_the_mean() -> None:
     assert (rewards.max_value, rewards.return_range) == (math.inf, 5.0)
 
 
+def test_rows_of_robots_that_left_do_not_count() -> None:
+    """Means are those of the other rows alone."""
+    draw = torch.Generator().manual_seed(0)
+    alive = torch.rand(2, 9, 3, generator=draw) < 0.6
+    q, y = torch.randn(2, 2, 27, generator=draw), torch.randn(2, 27, generator=draw)
+    advantages = torch.randn(2, 9, 3, generator=draw)
+    exponents = standard_advantages(advantages, alive)
+    weights = batch_weights(exponents, alive)
+    for seed in range(2):
+        there = alive[seed].flatten()
+        seen, wanted = q[seed][:, there][None], y[seed][there][None]
+        torch.testing.assert_close(td_error(q, y, alive)[seed], td_error(seen, wanted)[0])
+        size = value_size(5 * advantages, alive)[seed]
+        torch.testing.assert_close(size, value_size(5 * advantages[seed][alive[seed]][None])[0])
+        own = standard_advantages(advantages[seed].flatten()[there].view(1, -1, 1))
+        torch.testing.assert_close(exponents[seed].flatten()[there], own.flatten())
+        torch.testing.assert_close(weights[seed].flatten()[there], batch_weights(own).flatten())
+    assert not weights[~alive].any()
+
+
 def test_values_divide_by_their_size_but_never_by_less_than_one() -> None:
     """Where values cross 0, a quotient without the floor explodes."""
     small, large = torch.tensor([[0.1, -0.3]]), torch.tensor([[2.0, -4.0]])

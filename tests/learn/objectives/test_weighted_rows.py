@@ -10,6 +10,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.segments import each_field, learned_rows, learned_steps
 from swarmdata.learn.networks.network_inputs import generators
 from swarmdata.learn.objectives.weighted_rows import (
+    ABSENT,
     ScoredRows,
     draw,
     effective_share_of,
@@ -63,7 +64,7 @@ def test_beta_is_a_setting_at_most_and_each_seed_has_its_own() -> None:
     assert (weights == 1).all()
 
 
-@pytest.mark.parametrize("values", [0.0, -1e30])
+@pytest.mark.parametrize("values", [0.0, -1e29])
 def test_equal_advantages_weigh_alike(values: float) -> None:
     weights, _ = row_weights(torch.full((1, 5, 2), values), 3.0, 0.5)
     assert (weights == 1).all()
@@ -172,3 +173,10 @@ def test_steps_of_windows_count_by_their_weight() -> None:
 def test_a_share_of_no_or_of_more_than_all_rows_is_refused(share: float) -> None:
     with pytest.raises(SchemaError, match="effective_share"):
         ScoredRows(share, generators([0], "cpu"))
+
+
+@pytest.mark.parametrize("beta", [0.0, 3.0])
+def test_rows_of_robots_that_left_have_no_weight(beta: float) -> None:
+    """Not even where all others have the same."""
+    weights, _ = row_weights(torch.tensor([[[0.3, ABSENT], [0.1, ABSENT]]]), beta, 0.5)
+    assert (weights > 0).tolist() == [[[True, False], [True, False]]]
