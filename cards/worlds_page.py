@@ -1,4 +1,4 @@
-"""The pages of all worlds: how reference policies perform in every preset."""
+"""The pages of all worlds: how reference policies perform in the presets."""
 
 from collections.abc import Collection, Mapping, Sequence
 
@@ -15,7 +15,7 @@ FIGURES = (
 
 INDEX_HEAD = """# Worlds
 
-How many of {n} reserved episodes reference teams solve in every preset, in per cent, and in
+How many of {n} reserved episodes reference teams solve in the presets, in per cent, and in
 brackets how many without any contact. `straight` drives straight to its target, `scripted` knows
 the map; it is `-alone` as if there were no others, `-naive` as if others were parked, and `-deaf`
 without messages ([why](../coordination.md)). Other columns are teams that do not act together.
@@ -26,7 +26,7 @@ action noise; in presets that need a convention, `expert` is the mean of the two
 
 TASK_HEAD = """# Worlds of {task}
 
-How reference teams perform in every preset of `{task}`, on the [reserved
+How reference teams perform in the presets of `{task}`, on the [reserved
 episodes](../glossary.md#results). Collisions are means per episode. The second table is the
 [coordination gap](../coordination.md): by how many points the scripted team is better than the same
 controllers with less coordination, with 95 % bootstrap intervals over the same episodes.

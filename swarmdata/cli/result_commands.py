@@ -62,7 +62,7 @@ def evaluate(
     ] = None,
     opponents: Annotated[
         str | None,
-        typer.Option(help="who plays the other sides: a policy, or a run of another side"),
+        typer.Option(help="who plays the other sides: a policy, a tier, or a run of another side"),
     ] = None,
     threads: Threads = 1,
     workers: Processes = 1,

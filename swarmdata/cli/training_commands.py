@@ -41,7 +41,9 @@ Out = Annotated[
     Path | None, typer.Option(help="run folder", show_default="runs/ALGORITHM-DATA or -TASK")
 ]
 Seeds = Annotated[int, typer.Option(min=1, help="number of seeds")]
-Config = Annotated[str | None, typer.Option(help="settings: a shipped file's name, or a YAML file")]
+Config = Annotated[
+    str | None, typer.Option(help="settings: a YAML file; online also a shipped one")
+]
 
 
 def train(
@@ -170,7 +172,7 @@ def train_online(
     offline_share: Annotated[float, typer.Option(help="part of a batch that --data gives")] = 0.5,
     side: Annotated[str | None, typer.Option(help="side to train, in a task of several")] = None,
     opponents: Annotated[
-        str | None, typer.Option(help="who plays the other sides: a policy, or a run of another")
+        str | None, typer.Option(help="who plays the other sides: a policy, a tier, or their run")
     ] = None,
     config: Config = None,
     settings: Settings = None,

@@ -58,29 +58,34 @@ def convert(
         ),
     ] = None,
     time_limit: Annotated[
-        int | None, typer.Option(help="length at which episodes are truncated; 0: no limit")
+        int | None,
+        typer.Option(help="with --from: length at which episodes are truncated; 0: no limit"),
     ] = None,
     episode_length: Annotated[
         int | None,
-        typer.Option(help="length of all episodes, if the data does not mark their ends"),
+        typer.Option(help="with --from: length of all episodes, if no ends are marked"),
     ] = None,
     final: Annotated[
         str | None,
         typer.Option(
-            help="for missing last observations: repeat the previous one, or cut the step"
+            help="with --from: for missing last observations: repeat the previous one, or cut the "
+            "step"
         ),
     ] = None,
     unfinished: Annotated[
-        str | None, typer.Option(help="for an unfinished last episode: truncate or drop")
+        str | None,
+        typer.Option(help="with --from: for an unfinished last episode: truncate or drop"),
     ] = None,
     agents: Annotated[
-        str | None, typer.Option(help="number of agents, or their names separated by commas")
+        str | None,
+        typer.Option(help="with --from: number of agents, or their names separated by commas"),
     ] = None,
     action_bounds: Annotated[
-        str | None, typer.Option(metavar="LOW,HIGH", help="bounds of continuous actions")
+        str | None,
+        typer.Option(metavar="LOW,HIGH", help="with --from: bounds of continuous actions"),
     ] = None,
     new_splits: Annotated[
-        bool, typer.Option(help="draw new splits instead of keeping the source's")
+        bool, typer.Option(help="with --from: draw new splits instead of keeping the source's")
     ] = False,
     note: Notes = None,
 ) -> None:

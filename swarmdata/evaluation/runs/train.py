@@ -250,8 +250,7 @@ def train(
 
     Args:
         algorithm: registered offline algorithm; or `auto`, which chooses one for the dataset by
-            statistics of its episodes (`runs.algorithm_choice`), logs which and why, and trains it
-            with the settings `study`.
+            statistics of its episodes (`runs.algorithm_choice`), logs which and why, and trains it.
         dataset_id: id or folder of a dataset, as `load` takes it, or several to mix. On recordings
             of other environments there is no learning curve; evaluate with
             `swarmdata.evaluate_parallel` afterwards. On data of an older version of the world there
