@@ -35,6 +35,9 @@ Deviations from Oryx:
 - The order is that of the robots' numbers. Past actions are not seen, so that a policy cannot copy
   itself; the network has one layer of each attention.
 - Rewards, normalization, frames and the decay of learning rates are those of the other algorithms.
+
+A policy is not told who has left an episode: then the robots after such a one hear what it would
+do, where training told them zeros.
 """
 
 from dataclasses import dataclass, replace

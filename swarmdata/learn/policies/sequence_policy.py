@@ -69,18 +69,13 @@ class SequencePolicy:
         self._memory.keep(after[0])
         tokens = with_past(self.layers, embedded, recalled)
         framed = torch.from_numpy(seen_in(self.frame, observations).astype(np.float64))
-        # who has left observes zeros and does nothing, which is what the others learned to be told
-        is_there = torch.from_numpy((observations != 0).any(-1))
-        local = self._in_order(tokens, framed[None], is_there[None])[0]
+        local = self._in_order(tokens, framed[None])[0]
         actions = in_world(self.frame, observations, local.numpy()).astype(np.float32)
         self._last.keep(step, actions.copy())  # the caller may write to theirs
         return actions
 
-    def _in_order(self, tokens: Tensor, framed: Tensor, is_there: Tensor) -> Tensor:
-        """Returns actions in the frame, [1, E, N, A], of tokens [1, E, N, width].
-
-        Those of robots that are not there, bool [1, E, N], are 0.
-        """
+    def _in_order(self, tokens: Tensor, framed: Tensor) -> Tensor:
+        """Returns actions in the frame, [1, E, N, A], of tokens [1, E, N, width]."""
         n_agents = tokens.shape[2]
         size = self.layers[HEAD].weight.shape[2] // self.n_components - 1
         chosen = tokens.new_zeros(*tokens.shape[:3], size)
@@ -90,8 +85,7 @@ class SequencePolicy:
             hears = (torch.arange(robot + 1) < robot)[None] & self.joint
             outputs = decide(self.layers, tokens[:, :, team], told, hears, self.n_heads)
             mixture = Mixture.of(outputs, self.n_components)
-            mode = mixture.mode(self.deviation)[:, :, 0]
-            chosen[:, :, robot] = torch.where(is_there[:, :, robot, None], mode, 0.0)
+            chosen[:, :, robot] = mixture.mode(self.deviation)[:, :, 0]
         return chosen
 
     def log_probs(self, step: Step, actions: Float) -> Float:

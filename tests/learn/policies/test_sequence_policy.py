@@ -42,16 +42,6 @@ def test_acting_step_by_step_is_the_window_from_the_start(
     np.testing.assert_allclose(local[8:], wanted, atol=1e-4)
 
 
-def test_who_has_left_does_nothing_and_is_told_so(data: Dataset) -> None:
-    """Robots that left observe zeros, and their recorded actions are zeros."""
-    algorithm, observations = oryx(data, None), np.array(data[0].observations[:1])
-    observations[:, 0] = 0
-    step = steps_of(observations, make_env(data.task, 1).reset(np.zeros(1, "u8")))
-    (actions,) = played(algorithm.policy(0), step)
-    assert not actions[0].any()
-    assert (actions[1:] != 0).any(-1).all()
-
-
 def test_robots_hear_those_before_them(data: Dataset) -> None:
     """What robot 2 observes changes what it does, and what robot 3 does, which hears it."""
     step = make_env(data.task, 3).reset(np.arange(3, dtype=np.uint64))
