@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from swarmdata.evaluation.runs.trained_policies import Trained
 
 EXACT_TOLERANCE = 0.02
-"""Most by which exact inference may change an action, in [-1, 1]; else a network is kept as it is."""
+"""Most by which exact inference may change an action, in [-1, 1]; else the network is kept."""
 
 N_COMPARED_EPISODES = 8
 """Validation episodes on which exact inference is compared with the trained network."""
