@@ -88,8 +88,10 @@ def test_choices_are_learned_and_played(
 
     changes = {
         "n_updates": "250", "batch_size": "64", "hidden": "32", "regulariser": regulariser,
-        "discount": "0.5", "learning_rate": "3e-3", "threshold": "0.1",
+        "discount": "0.5", "learning_rate": "3e-3",
     }  # fmt: skip
+    if regulariser == "bcq":
+        changes["threshold"] = "0.1"
     policy = train(
         algorithm, str(dataset.path), tmp_path / "run", n_seeds=1, changes=changes, progress=False
     )[0]
