@@ -25,7 +25,7 @@ MAX_WHOLE_POINTS = 6  # of more points in a panel, only those of its front have 
 MAX_LARGE_PANELS = 9  # more panels are small ones
 
 
-MOST_HEIGHT = 5.3  # inches, without the legend, so that a figure is no higher than a screen
+MOST_HEIGHT = 5.2  # inches, without the legend, so that a figure is no higher than a screen
 
 
 class FrontPanel(NamedTuple):
