@@ -49,7 +49,7 @@ def plot_fronts(
     if not panels:
         raise SchemaError("there are no points to draw, expected at least one panel.")
     are_small = len(panels) > MAX_LARGE_PANELS
-    n_columns = 2 if len(panels) == 4 else min(5 if are_small else 3, len(panels))
+    n_columns = 2 if len(panels) == 4 else min(7 if are_small else 3, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
     shown = {label for panel in panels.values() for label in panel.points}
@@ -65,9 +65,10 @@ def plot_fronts(
             _draw_panel(axes, panel, looks)
             xlim, ylim = _limits(panel)
             axes.set(xlim=xlim, ylim=ylim)
-            axes.locator_params(nbins=3 if are_small else 6)
-            words = textwrap.fill(title, 18 if are_small else 30)
-            size = 6.5 if are_small else 7.5
+            axes.locator_params(nbins=2 if are_small else 6)
+            axes.tick_params(labelsize=6.5 if are_small else None)
+            words = textwrap.fill(title, 12 if are_small else 30)
+            size = 6 if are_small else 7.5
             axes.set_title(words, loc="left", fontweight="bold", fontsize=size)
         for axes in grid[len(panels) :]:
             axes.set_visible(False)
