@@ -9,8 +9,10 @@ import pytest
 
 pytest.importorskip("torch", reason="algorithms need torch")
 
+from swarmdata.evaluation.tuning.tune import _drawn
 from swarmdata.learn.training.settings import (
     as_texts,
+    check_effects,
     drawn_settings,
     override,
     setting_types,
@@ -47,6 +49,12 @@ def test_what_is_drawn_trains(name: str) -> None:
         for index in range(N_UPDATES):
             losses = algorithm.update(batches_of(config)((0,), index))
         assert all(np.isfinite(np.asarray(loss)).all() for loss in losses.values())
+
+
+@pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
+def test_what_tune_draws_is_what_train_takes(name: str) -> None:
+    for settings in _drawn(name, {}, 20, 0):
+        check_effects(override(kind_of(name).Config(), as_texts(settings)), settings)
 
 
 @pytest.mark.parametrize("name", CONSERVATIVE)

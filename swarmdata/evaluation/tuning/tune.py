@@ -28,7 +28,13 @@ from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.evaluation.transitions import Actor
 from swarmdata.learn.training.run_folder import load_run
-from swarmdata.learn.training.settings import drawn_settings, space_of
+from swarmdata.learn.training.settings import (
+    as_texts,
+    drawn_settings,
+    override,
+    space_of,
+    unmet_needs,
+)
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.runtime.engines.open_engine import LOCAL
@@ -109,7 +115,7 @@ def tune(
     require_extra("matplotlib", "plots", "drawing the curve of a tuning")
     work = Path(out)
     check_output(work, TUNING, besides=CELLS)
-    drawn = _drawn(algorithm, n_trials, draws)
+    drawn = _drawn(algorithm, changes or {}, n_trials, draws)
     study = _study(
         algorithm, drawn, changes or {}, updates=n_updates, frame=frame, device=device,
         datasets=[portable_name(each) for each in dataset_ids], seeds=n_seeds, episodes=n_episodes,
@@ -143,11 +149,18 @@ def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
         )
 
 
-def _drawn(algorithm: str, n_trials: int, seed: int) -> list[dict[str, Any]]:
+def _drawn(
+    algorithm: str, changes: Mapping[str, Any], n_trials: int, seed: int
+) -> list[dict[str, Any]]:
+    """The settings of each trial, without those that have no effect beside the others."""
     if n_trials < 2:
         raise SpecError(f"n_trials is {n_trials}, expected at least 2: one is the default")
-    space = space_of(resolve("algorithm", OFFLINE_ALGORITHMS, algorithm), algorithm)
-    return [{}, *islice(drawn_settings(space, seed), n_trials - 1)]
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    trials: list[dict[str, Any]] = [{}]
+    for settings in islice(drawn_settings(space_of(kind, algorithm), seed), n_trials - 1):
+        unmet = unmet_needs(override(kind.Config(), as_texts({**changes, **settings})))
+        trials.append({name: value for name, value in settings.items() if name not in unmet})
+    return trials
 
 
 def _study(

@@ -49,18 +49,26 @@ def override(config: C, changes: Mapping[str, str]) -> C:
     return _replace(config, values)
 
 
+def unmet_needs(config: Any) -> Needs:
+    """The settings that have no effect beside the others of a config, and what they need."""
+    needs = ChainMap(*(vars(base).get("NEEDS", {}) for base in type(config).__mro__))
+    return {
+        name: (other, values)
+        for name, (other, values) in needs.items()
+        if getattr(config, other) not in values
+    }
+
+
 def check_effects(config: Any, changed: Iterable[str]) -> None:
     """Refuses changed settings that have no effect beside the others, as `NEEDS` tells."""
-    kind = type(config)
-    needs = ChainMap(*(vars(base).get("NEEDS", {}) for base in kind.__mro__))
-    for name in needs.keys() & set(changed):
-        (other, values), default = needs[name], getattr(kind, name)
-        found = getattr(config, other)
-        if found not in values and getattr(config, name) != default:
+    kind, unmet = type(config), unmet_needs(config)
+    for name in unmet.keys() & set(changed):
+        (other, values), default = unmet[name], getattr(kind, name)
+        if getattr(config, name) != default:
             raise SpecError(
-                f"setting {name!r} of {kind.__qualname__} has no effect with {other} {found!r}, "
-                f"expected {other} {' or '.join(map(repr, values))}. Set {other} as well, or leave "
-                f"{name} at its default ({default})."
+                f"setting {name!r} of {kind.__qualname__} has no effect with {other} "
+                f"{getattr(config, other)!r}, expected {other} {' or '.join(map(repr, values))}. "
+                f"Set {other} as well, or leave {name} at its default ({default})."
             )
 
 
