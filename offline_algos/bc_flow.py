@@ -10,9 +10,9 @@ Li & Levine 2025, arXiv 2502.02538, without values):
 
 where z(i) is what robot i knows of the noise and z' is independent of z. A squared error to the
 data, as `bc` has, averages the modes of the data; this one averages only what neither o_i nor z(i)
-tells. Deviations from Flow Q-learning: it has no (1 - t)^2, which makes L(v) the error of the end
-of the path, and its target is F(c, z). The rest of T takes the flow's error of the mean out of the
-students, `learn.flows.one_step_actor`; without `debiased` it is left out.
+tells. Deviations from Flow Q-learning: the factor (1 - t)^2, which makes L(v) the error of the end
+of the path, and T, where the paper has F(c, z). The rest of T takes the flow's error of the mean
+out of the students, `learn.flows.one_step_actor`; without `debiased` it is left out.
 
 z is drawn independently of the mode that c already tells: after a few steps the flow reads the mode
 from all observations, and a robot that sees less than all can read it neither there nor from z.

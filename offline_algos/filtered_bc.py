@@ -67,5 +67,5 @@ class FilteredBC(BC):
     SPACE: ClassVar[Space] = {
         **BC.SPACE,
         "fraction": LogUniform(0.03, 0.5),
-        "min_episodes": Choice((1, 250)),  # on small data, 250 leaves `fraction` no effect
+        "min_episodes": Choice((1, 250)),  # on small data, 250 decides alone
     }

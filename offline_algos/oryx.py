@@ -36,8 +36,8 @@ Deviations from Oryx:
   itself; the network has one layer of each attention.
 - Rewards, normalization, frames and the decay of learning rates are those of the other algorithms.
 
-A policy is not told who has left an episode: then the robots after such a one hear what it would
-do, where training told them zeros.
+Policies do not know which robots have left an episode: those later in the order hear the action
+that such a robot would take, where in training they heard zeros.
 """
 
 from dataclasses import dataclass, replace

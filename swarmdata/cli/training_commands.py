@@ -172,7 +172,7 @@ def train_online(
     offline_share: Annotated[float, typer.Option(help="part of a batch that --data gives")] = 0.5,
     side: Annotated[str | None, typer.Option(help="side to train, in a task of several")] = None,
     opponents: Annotated[
-        str | None, typer.Option(help="who plays the other sides: a policy, a tier, or their run")
+        str | None, typer.Option(help="who plays the other sides: a policy, a tier, or a run")
     ] = None,
     config: Config = None,
     settings: Settings = None,

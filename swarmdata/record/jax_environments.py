@@ -274,7 +274,7 @@ class _Player:
 def _numbers(state: Any) -> dict[str, Any]:
     """The numbers in states [T + 1, ...] by the names of their fields, without random keys.
 
-    Old ones are arrays of two or four uint32.
+    Keys of the old kind are arrays of two or four uint32.
     """
     import jax  # noqa: PLC0415
 

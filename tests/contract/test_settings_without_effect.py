@@ -1,7 +1,6 @@
 """What algorithms declare of settings that need another one: it is so, and users are told."""
 
 import dataclasses
-from collections import ChainMap
 from collections.abc import Mapping
 from typing import Any, get_args, get_type_hints
 
@@ -10,7 +9,7 @@ import pytest
 pytest.importorskip("torch", reason="algorithms need torch")
 
 from swarmdata.errors import SpecError
-from swarmdata.learn.training.settings import Needs, as_texts, check_effects, override
+from swarmdata.learn.training.settings import as_texts, check_effects, needs_of, override
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.testing.sample_batches import sample_setup
 from tests.contract.test_algorithms import SMALL, batches_of
@@ -18,13 +17,12 @@ from tests.contract.test_algorithms import SMALL, batches_of
 N_UPDATES = 6
 
 
-def needs_of(name: str, table: Mapping[str, str]) -> Needs:
-    bases = resolve("algorithm", table, name).Config.__mro__
-    return ChainMap(*(vars(base).get("NEEDS", {}) for base in bases))
-
-
 def declared(table: Mapping[str, str]) -> list[tuple[str, str]]:
-    return [(name, setting) for name in table for setting in needs_of(name, table)]
+    return [
+        (name, setting)
+        for name in table
+        for setting in needs_of(resolve("algorithm", table, name).Config)
+    ]
 
 
 def other_value(kind: Any, setting: str) -> Any:
@@ -52,8 +50,8 @@ TABLES = {"offline": OFFLINE_ALGORITHMS, "online": ONLINE_ALGORITHMS}
     [(key, *each) for key, table in TABLES.items() for each in declared(table)],
 )
 def test_a_change_without_effect_is_refused(trained: str, name: str, setting: str) -> None:
-    table = TABLES[trained]
-    kind, need = resolve("algorithm", table, name).Config, needs_of(name, table)[setting]
+    kind = resolve("algorithm", TABLES[trained], name).Config
+    need = needs_of(kind)[setting]
     allowed, others = split(kind, need)
     assert allowed
     assert others
@@ -72,10 +70,11 @@ def test_a_change_without_effect_is_refused(trained: str, name: str, setting: st
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "setting"), declared(OFFLINE_ALGORITHMS))
 def test_what_is_refused_would_change_nothing(name: str, setting: str) -> None:
-    kind, need = resolve("algorithm", OFFLINE_ALGORITHMS, name), needs_of(name, OFFLINE_ALGORITHMS)
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    need = needs_of(kind.Config)[setting]
     small = override(kind.Config(), as_texts({**SMALL[name], "n_updates": N_UPDATES}))
-    for value in split(kind.Config, need[setting])[1]:
-        config = dataclasses.replace(small, **{need[setting][0]: value})
+    for value in split(kind.Config, need)[1]:
+        config = dataclasses.replace(small, **{need[0]: value})
         changed = dataclasses.replace(config, **{setting: other_value(kind.Config, setting)})
         assert state_of(kind, config) == state_of(kind, changed)
 

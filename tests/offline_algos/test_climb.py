@@ -89,3 +89,15 @@ def test_data_that_are_all_alike_hold_still() -> None:
     climb.measure(same, torch.randn(K, B, N, M, A), lambda drawn: drawn.sum(4))
     assert climb.is_measured
     assert pull(climb, torch.full((K,), 1e3)).abs().max() < 1e-5
+
+
+def test_robots_that_left_do_not_count() -> None:
+    """Scales are those of the other robots alone."""
+    draw = torch.Generator().manual_seed(0)
+    samples, noise = torch.randn(2, K, 6, 3, 5, 2, generator=draw)
+    there, few = torch.ones(K, 6, 3, dtype=torch.bool), torch.zeros(K, 6, 3, dtype=torch.bool)
+    few[:, :, :2] = True
+    found, alone = climb_of(), climb_of()
+    found.measure(samples, noise, lambda drawn: drawn.sum(4), few)
+    alone.measure(samples[:, :, :2], noise[:, :, :2], lambda drawn: drawn.sum(4), there[:, :, :2])
+    torch.testing.assert_close(found.state_dict(), alone.state_dict())

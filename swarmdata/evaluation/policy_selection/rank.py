@@ -329,8 +329,8 @@ def _scores(dataset: Dataset, results: Sequence[EvalResult | None]) -> list[floa
     return [None if mean is None else float(normalized_score(mean, scale)) for mean in means]
 
 
-def _plain(spec: Spec) -> Spec:
-    """The spec without the opponents that results of one side have, as data have it."""
+def _without_opponents(spec: Spec) -> Spec:
+    """The spec of results as data have it: those of one side name opponents, data do not."""
     return spec.model_copy(update={"opponents": None}) if isinstance(spec, SideSpec) else spec
 
 
@@ -339,7 +339,9 @@ def _read_results(
 ) -> list[EvalResult | None]:
     """Results of `evaluate --out` in the dataset's world and models; at least one must be there."""
     paths = sorted(folder.glob("*.json"))
-    results = [each for each in map(load_result, paths) if _plain(each.spec) == dataset.spec]
+    results = [
+        each for each in map(load_result, paths) if _without_opponents(each.spec) == dataset.spec
+    ]
     if len(played := sorted({each.spec.task for each in results})) > 1:
         raise SchemaError(
             f"{folder} holds results against several opponents ({', '.join(played)}), expected "

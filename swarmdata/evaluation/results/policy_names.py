@@ -98,9 +98,9 @@ def find_target(
     Args:
         name: a registered policy such as `random`; a learned tier such as `expert`: its checkpoints
             without noise; a dataset, by its id or by its folder: its behavior policies as recorded;
-            of either, in a task of several sides, teams that share no trained policy; a training
-            run, by its folder or as `zoo:ALGORITHM/DATASET`: its newest policies, one
-            per seed; or a file of ONNX.
+            a training run, by its folder or as `zoo:ALGORITHM/DATASET`: its newest policies, one
+            per seed; or a file of ONNX. In a task of several sides, the teams of a tier or dataset
+            that share no trained policy play.
         task: where policies, tiers and runs act: a preset's name, or a spec file. None: runs where
             they were trained, the others in `DEFAULT_TASK`. Datasets' policies act in their task.
         observation: observation model, such as `lidar`; None: that of the task, the dataset or the
@@ -287,10 +287,10 @@ def _tier_target(
 
 
 def _independent(teams: Sequence[PolicySource]) -> tuple[PolicySource, ...]:
-    """The teams without those of several sides of which an earlier one has a trained policy.
+    """Leaves out teams of several sides that share a trained policy with an earlier team.
 
-    Where every policy of one side plays every policy of another, pairs are no independent runs,
-    as intervals for new training seeds take them.
+    Intervals for new training seeds take teams for independent runs, which they are not where every
+    policy of one side plays every policy of another.
     """
     kept, known = [], set[str]()
     for team in teams:

@@ -102,7 +102,8 @@ class WindowSampler(RowSampler):
     The window holds `window` consecutive blocks of an endless sequence in which every pass has its
     own order of all blocks. After as many transitions as a block has on average, it moves on by
     one, so that a transition is drawn once a pass on average. A window of all blocks never moves
-    and gives the batches of `Dataset.sampler`, bit for bit; of a view, in the stored order.
+    and gives the batches of `Dataset.sampler`, bit for bit; reordered views draw in
+    the stored order.
 
     A batch is a pure function of the seeds and its number. The order of the blocks is that of the
     dataset (`order_seed`), not of the sampler's seed: what one sampler has drawn another may

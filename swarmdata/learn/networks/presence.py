@@ -1,8 +1,9 @@
-"""Agents that have left an episode: they choose nothing, and nobody learns from their rows.
+"""Agents that have left an episode: they choose nothing, and no actor learns from their rows.
 
-An agent's own return ends with its own termination (`robot_ends`). After its own truncation, its
-value is that of what it has reached, which critics know from agents that are there: rows of absent
-ones would teach them that it is worth nothing. Values of the team's reward go on without an agent.
+Nor do critics of own rewards. An agent's own return ends with its own termination (`robot_ends`).
+After its own truncation, its value is that of the place it has reached, which critics know from
+agents that are there; rows of absent ones would teach them that the place is worth nothing. Critics
+of the team's reward learn from all rows, since that reward goes on without an agent.
 """
 
 import torch

@@ -24,7 +24,8 @@ C = TypeVar("C")
 Needs = Mapping[str, tuple[str, tuple[Any, ...]]]
 """Settings that have an effect only with some values of another: its name, and these values.
 
-An algorithm declares them beside its config, as `NEEDS`; those of base classes count too."""
+A config class declares them as `NEEDS`; those of its base classes count too.
+"""
 
 
 def override(config: C, changes: Mapping[str, str]) -> C:
@@ -49,12 +50,16 @@ def override(config: C, changes: Mapping[str, str]) -> C:
     return _replace(config, values)
 
 
+def needs_of(kind: type) -> Needs:
+    """All that a config class and its base classes declare."""
+    return ChainMap(*(vars(base).get("NEEDS", {}) for base in kind.__mro__))
+
+
 def unmet_needs(config: Any) -> Needs:
     """The settings that have no effect beside the others of a config, and what they need."""
-    needs = ChainMap(*(vars(base).get("NEEDS", {}) for base in type(config).__mro__))
     return {
         name: (other, values)
-        for name, (other, values) in needs.items()
+        for name, (other, values) in needs_of(type(config)).items()
         if getattr(config, other) not in values
     }
 

@@ -99,6 +99,8 @@ def test_croissant_claims_what_the_origin_tells(folder: Path, tmp_path: Path) ->
     edit = filter_dataset(made, tmp_path / "edit", id="mine-some-v0", episodes=range(8))
     found = [json.loads(croissant(each, {})) for each in (made, logs, edit)]
     assert [each.get("rai:hasSyntheticData") for each in found] == [True, False, True]
+    assert found[2]["rai:dataLimitations"] == found[0]["rai:dataLimitations"]
+    assert "made from other datasets by: filter" in found[2]["rai:dataCollection"]
     assert all(each["rai:dataSocialImpact"] for each in found)
     assert [len(each["prov:wasDerivedFrom"]) for each in found] == [0, 0, 1]
     assert found[2]["prov:wasDerivedFrom"][0]["identifier"] == f"sha256:{made.digest}"
