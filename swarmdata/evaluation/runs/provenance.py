@@ -47,7 +47,7 @@ class Provenance(Frozen):
 
     @property
     def dataset_key(self) -> str | None:
-        """The dataset's id, re-observed with the start of a hash: `coop_nav-medium-v1@1f`.
+        """The dataset's id, with a side or the start of a view's hash: `coop_nav-medium-v1@1f`.
 
         Weights of rewards are not part of it: whoever learned from other rewards is evaluated on
         those of the task, on the same scale as all others, and is a row beside them.
@@ -61,6 +61,8 @@ def dataset_key(dataset: str | None, view: str | None) -> str | None:
     models = {name: value for name, value in changes.items() if name != "rewards"}
     if dataset is None or not models:
         return dataset
+    if models.keys() == {"side"}:
+        return f"{dataset}@{models['side']}"
     return _with_hash(dataset, json.dumps(models, sort_keys=True, separators=(",", ":")))
 
 

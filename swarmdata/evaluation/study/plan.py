@@ -191,6 +191,8 @@ class Study(Frozen):
     information: ViewsPlan | None = None  # other sensors and radios; None: none
     tasks: TasksPlan | None = None  # other tasks; None: none
     sweeps: dict[Label, SweepPlan] = Field(default_factory=dict)  # robustness, by name
+    sides: dict[Label, Text] = Field(default_factory=dict)
+    """Sides that learn from their own rows -> who plays the others in evaluations."""
     losses: dict[Label, LossesPlan] = Field(default_factory=dict)  # by the figure's name
     differences: dict[Label, DifferencesPlan] = Field(default_factory=dict)
     """Pairs of rows, by name."""
@@ -242,6 +244,15 @@ class Study(Frozen):
                         f"{label} has rewards and learns from the mixture {name}, which a study "
                         "mixes with the recorded rewards only; name the datasets of that row"
                     )
+        return self
+
+    @model_validator(mode="after")
+    def _sides_learn_on_the_grid_alone(self) -> Self:
+        others = ("mixtures", "curves", "online", "sizes", "information", "tasks", "sweeps")
+        if self.sides and (found := [name for name in others if getattr(self, name)]):
+            raise ValueError(
+                f"sides cannot be combined with {', '.join(found)}; give those a study of their own"
+            )
         return self
 
     @model_validator(mode="after")

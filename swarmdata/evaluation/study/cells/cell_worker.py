@@ -102,6 +102,8 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
     else:
         dataset = whole = open_dataset(cell.source, cell.n_steps, **models)
         learned = whole.with_rewards(**cell.rewards)
+        if cell.side is not None:
+            dataset, learned = whole.side(cell.side), learned.side(cell.side)
         parents = whole.recipe.parents
         digest = parents[0].digest if cell.n_steps is not None and parents else whole.digest
     if digest != cell.digest:
@@ -178,15 +180,15 @@ def _evaluate(cell: Cell, run: Path, out: Path, report: Report) -> list[Path]:
     """Evaluates the last policy of each seed on the cell's seeds; existing results are kept."""
     if not cell.n_episodes:
         return []
-    target = find_target(str(run)).labelled(cell.label)
+    target = find_target(str(run), opponents=cell.opponents).labelled(cell.label)
     seeds = tuple(each.seed for each in target.provenances)
     if seeds != cell.seeds:
         raise SchemaError(f"{run} has policies of the seeds {seeds}, expected {cell.seeds}")
     for policy, provenance in zip(target.policies, target.provenances, strict=True):
-        one = Target(target.spec, (policy,), (provenance,))
+        one = Target(target.spec, (policy,), (provenance,), target.side)
         evaluate_target(one, cell.n_episodes, out, block=cell.block, progress=False)
         report(0)  # fails if the process that started this one has ended
-    names = (file_name(each, target.spec.hash()) for each in target.provenances)
+    names = (file_name(each, target.measured.hash()) for each in target.provenances)
     return [out / name for name in names]
 
 

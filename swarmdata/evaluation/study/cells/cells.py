@@ -64,6 +64,8 @@ class Cell(Frozen):
     communication: str | None = None
     frame: str = "auto"  # of offline cells
     rewards: dict[str, float] = Field(default_factory=dict)  # other weights to learn from
+    side: str | None = None  # that learns, in a task of several
+    opponents: str | None = None  # who plays the other sides in the evaluation
     seeds: tuple[int, ...]
     n_episodes: int  # of the evaluation; 0: none, as where the data have no simulator
     block: SeedBlock = "evaluation"
@@ -81,8 +83,9 @@ class Cell(Frozen):
     def key(self) -> str:
         """Hash of everything that determines the results."""
         content = self.model_dump(mode="json", exclude=FIELDS_OUTSIDE_KEY)
-        if not self.rewards:  # keys of cells without are those of before cells had rewards
-            del content["rewards"]
+        for name in ("rewards", "side", "opponents"):  # younger than the keys of cells without
+            if not content[name]:
+                del content[name]
         for name, value in YOUNGER_SETTINGS.items():  # the same for cells without these settings
             if content["config"].get(name) == value:
                 del content["config"][name]
@@ -129,8 +132,10 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     """
     _check_settings(study)
     found = [
-        offline_cell(study, label, dataset, digest_of)
-        for dataset, label in itertools.product(study.datasets, study.algorithms)
+        offline_cell(study, label, dataset, digest_of, side=side)
+        for dataset, side, label in itertools.product(
+            study.datasets, study.sides or (None,), study.algorithms
+        )
         if study.has(label, dataset)
     ]
     if (sizes := study.sizes) is not None:
@@ -180,13 +185,15 @@ def offline_cell(
     *,
     n_steps: int | None = None,
     view: View = AS_RECORDED,
+    side: str | None = None,
 ) -> Cell:
-    """The cell of a variant on a dataset, on its first joint steps, or re-observed."""
+    """The cell of a variant on a dataset, on its first joint steps, re-observed, or on a side."""
     variant, parts = study.algorithms[label], study.mixtures.get(dataset, {})
     config, curves, every = config_of(study, variant), study.curves, None
     if curves and (not curves.datasets or dataset in curves.datasets):
         every = max(1, config["n_updates"] // curves.points)
     data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
+    data += "" if side is None else f"-{side}"
     return Cell(
         kind="offline",
         label=label,
@@ -202,6 +209,8 @@ def offline_cell(
         communication=view.communication,
         frame=variant.frame,
         rewards={} if variant.rewards is None else changed_rewards(dataset, variant.rewards),
+        side=side,
+        opponents=None if side is None else study.sides[side],
         seeds=study.seeds,
         n_episodes=study.episodes,
         block=study.block,

@@ -21,20 +21,20 @@ from swarmdata.registry.published import Figures, published
 from swarmdata.registry.recipes import find_recipe, is_dataset
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.frozen import Frozen
-from swarmdata.specs.origins import check_installed, task_of
+from swarmdata.specs.origins import SideSpec, check_installed, task_of
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.rules import RewardChoice, changed_weights, chosen_weights
 from swarmdata.store.publication import figures_of
 
 
 class DatasetFacts(Frozen):
-    """What the episodes of a dataset achieved: the row that every algorithm is compared with.
+    """What the episodes of a dataset, or a side in them, achieved: the row to compare with.
 
     Returns are of the recorded rewards, whatever rewards an algorithm learns from. Means of a
     mixture are those of its datasets, weighted as the mixture weighs them.
     """
 
-    id: str
+    id: str  # `dataset_key` of a side or a mixture
     digest: str
     figures: Figures  # of all episodes, action noise included
     robot_collisions: float
@@ -46,9 +46,9 @@ class DatasetFacts(Frozen):
         """Reads the table of episodes."""
         if isinstance(dataset, Mixture):
             return cls._of_mixture(dataset)
-        table = dataset.episodes
+        table, side = dataset.episodes, isinstance(dataset.spec, SideSpec)
         return cls(
-            id=dataset.id,
+            id=str(dataset_key(dataset.id, dataset.view if side else None)),
             digest=dataset.digest,
             robot_collisions=float(table.robot_collisions.mean()),
             obstacle_collisions=float(table.obstacle_collisions.mean()),

@@ -153,9 +153,9 @@ def _without_other_worlds(results: ResultSet) -> tuple[ResultSet, dict[str, str]
 
 def is_in_grid(study: Study, cell: Cell) -> bool:
     """Whether a cell is in the grid, or online as recorded; those of sizes and sweeps are not."""
-    if cell.kind != "offline":
-        return cell.observation is None and cell.communication is None
-    return cell.data in {short_name(dataset) for dataset in study.datasets}
+    if cell.observation is not None or cell.communication is not None:
+        return False
+    return cell.kind != "offline" or (cell.source in study.datasets and cell.n_steps is None)
 
 
 def is_data_efficiency_cell(study: Study, cell: Cell) -> bool:
