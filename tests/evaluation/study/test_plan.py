@@ -108,6 +108,7 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
             {"sweeps": {"s": {"dataset": "x", "vary": "communication", "axis": "drop=0..1"}}},
             "sweeps.s.datasets has 'x'",
         ),
+        ({"sides": {"pursuers": "scripted"}, "curves": {}}, "sides cannot be combined with curves"),
         (compared(["bc", "y"]), "differences.x has 'y'"),
         (compared(["bc", "bc"]), "compares 'bc' with itself"),
         (compared(), "differences.x.pairs"),

@@ -12,6 +12,7 @@ from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import BuildError, SchemaError
 from swarmdata.evaluation.results.policy_names import Target, find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
+from swarmdata.evaluation.runs.named_policies import find_opponents
 from swarmdata.evaluation.runs.provenance import file_name
 from swarmdata.evaluation.runs.train import measure_curve_point
 from swarmdata.evaluation.study.cells.cell_costs import CostMeter
@@ -102,7 +103,8 @@ def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> N
     else:
         dataset = whole = open_dataset(cell.source, cell.n_steps, **models)
         learned = whole.with_rewards(**cell.rewards)
-        if cell.side is not None:
+        if cell.side is not None and cell.opponents is not None:
+            find_opponents(cell.opponents, cell.side, whole.task)  # raises now, not after training
             dataset, learned = whole.side(cell.side), learned.side(cell.side)
         parents = whole.recipe.parents
         digest = parents[0].digest if cell.n_steps is not None and parents else whole.digest

@@ -21,7 +21,7 @@ from swarmdata.evaluation.study.cells.cells import (
     RESULTS_FOLDER,
     Cell,
 )
-from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
+from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import read_table

@@ -1,5 +1,6 @@
 """One cell: done once, the same after any interruption, small when it is done."""
 
+import csv
 import json
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ import numpy as np
 import pytest
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import BuildError, SchemaError
+from swarmdata.errors import BuildError, SchemaError, UnknownNameError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.study.cells.cell_costs import Cost
 from swarmdata.evaluation.study.cells.cell_worker import run_cell, run_job
@@ -22,9 +23,14 @@ from swarmdata.evaluation.study.cells.cells import (
 )
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, digest_of, open_dataset
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.evaluation.study.run_study import run_study
 from swarmdata.learn.training.checkpoint import load_checkpoint
 from swarmdata.learn.training.run_files import CHECKPOINT
-from tests.evaluation.study.conftest import MADDPG, Make
+from swarmdata.registry.presets import preset
+from swarmdata.specs.origins import SideSpec
+from swarmdata.specs.recipe import PolicySource
+from tests.evaluation.study.conftest import BC, MADDPG, Make, options_in
+from tests.support.tiny import make_tiny
 
 
 def cell_of(study: Study, name: str | None = None) -> Cell:
@@ -111,6 +117,39 @@ def test_a_cell_learns_from_a_mixture(
     again = mixed(3, 1).model_copy(update={"digest": "0" * 64})
     with pytest.raises(SchemaError, match=r"both has digest .*, the study expects 000000000000"):
         run_cell(again, tmp_path / "d")
+
+
+@pytest.mark.slow
+def test_sides_learn_from_their_rows_and_play_against_others(
+    make_study: Make, here: None, tmp_path: Path
+) -> None:
+    spec = preset("tag").with_updates(horizon=40)
+    evader = PolicySource(label="evader", name="random")
+    team = (PolicySource(label="a", name="scripted", opponents=(evader,)),)
+    data = make_tiny(tmp_path / "tag-tiny-v0", id="tag-tiny-v0", spec=spec, policies=team)
+    sides = {"pursuers": "scripted", "evader": "tag-greedy"}
+    study = make_study(datasets=[str(data)], algorithms={"bc": BC}, sides=sides)
+    options = options_in(tmp_path)
+    run_study(study, options, "")
+    for side, opponents in sides.items():
+        folder = tmp_path / "work" / "cells" / "bc" / f"tag-tiny-v0-{side}"
+        result = load_result(next((folder / RESULTS_FOLDER).glob("*.json")))
+        own = Dataset.open(data).side(side)
+        assert result.spec == SideSpec(whole=spec, side=side, opponents=opponents)
+        facts = DatasetFacts.from_file(folder / DATA_FILE)
+        assert facts.id == result.provenance.dataset_key == f"tag-tiny-v0@{side}"
+        assert facts.figures.mean_return == pytest.approx(own.episodes.team_return.mean())
+    with (options.out / "results.csv").open() as file:
+        seen = {(row["dataset"], row["task"]) for row in csv.DictReader(file)}
+    assert seen == {(f"tag-tiny-v0@{k}", f"tag: {k} against {v}") for k, v in sides.items()}
+    for changed, message in (
+        ({"pursuers": "scriptd"}, "Did you mean 'scripted'"),
+        ({"pursuer": "scripted"}, "Did you mean 'pursuers'"),
+    ):
+        cell = cell_of(make_study(datasets=[str(data)], sides=changed))
+        with pytest.raises(UnknownNameError, match=message):
+            run_cell(cell, tmp_path / message)
+        assert not cell.run_in(tmp_path / message).exists()
 
 
 class KilledError(BaseException):

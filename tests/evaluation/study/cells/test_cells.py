@@ -84,6 +84,7 @@ OTHERS: dict[str, Any] = {
     "kind": "online", "label": "x", "data": "x", "family": "x", "algorithm": "x", "source": "x",
     "config": {"n_updates": 21}, "run": "x", "digest": "e" * 64, "n_steps": 7, "observation": "x",
     "communication": "x", "frame": "world", "rewards": {"time": 1.0}, "parts": {"x": 1.0},
+    "side": "x", "opponents": "x",
     "seeds": (0, 2), "n_episodes": 5, "curve_every": 3, "block": "validation",
     "device": "cuda", "curve_episodes": 3, "code_version": "x",
 }  # fmt: skip
