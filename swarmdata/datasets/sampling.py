@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from swarmdata.errors import SchemaError, check_type
 from swarmdata.numerics.event_costs import costs_of
 from swarmdata.numerics.random import derive, uniform
-from swarmdata.runtime.mapped_pages import take_rows
+from swarmdata.runtime.mapped_pages import gather_rows, take_rows
 from swarmdata.specs.action_scaling import ActionScale
 from swarmdata.store import EpisodeTable
 from swarmdata.types import Batch, Bool, Double, Float, Int, Seeds, Wanted
@@ -103,7 +103,7 @@ def _gather(
     states = index + episode
 
     def rows_of(name: str, at: Int) -> NDArray[Any]:
-        return arrays[name].take(at, axis=0)
+        return gather_rows(arrays[name], at)
 
     def if_recorded(name: str, at: Int) -> NDArray[Any] | None:
         has_some = name in arrays and arrays[name].shape[1]  # [T, 0] where none were recorded
@@ -146,7 +146,7 @@ def _blank_padding(batch: Batch) -> None:
 
 def _next_actions(actions: NDArray[Any], rows: Rows, index: Int) -> NDArray[Any]:
     last = rows.ends.take(rows.episode.take(index)) - 1
-    found = actions.take(np.minimum(index + 1, last), axis=0)
+    found = gather_rows(actions, np.minimum(index + 1, last))
     found[index == last] = 0  # nobody acts after the end
     return found
 
@@ -371,7 +371,7 @@ class Sampler(RowSampler):
         acting = mask[..., None]
         if "alive" in self._arrays:
             states = steps + self.rows.episode.take(steps)
-            acting = acting & self._arrays["alive"].take(states, axis=0)
+            acting = acting & gather_rows(self._arrays["alive"], states)
         return self._scale.to_unit(np.where(acting[..., None], actions, self._scale.middle))
 
     def identity(self) -> dict[str, int]:

@@ -46,11 +46,21 @@ def take_rows(array: NDArray[Any], rows: NDArray[np.int64]) -> NDArray[Any]:
     n_apart, first = max(1, READ_BYTES // REGION_BYTES), 0  # rows that may be in other regions
     while first < len(rows):
         last = max(ends[np.searchsorted(ends, first, side="right")], first + n_apart)
-        # mode: the others copy through a buffer
-        array.take(rows[first:last], axis=0, out=taken[first:last], mode="clip")
+        if array.flags.c_contiguous:  # mode: the others copy through a buffer
+            array.take(rows[first:last], axis=0, out=taken[first:last], mode="clip")
+        else:
+            taken[first:last] = array[rows[first:last]]
         release_pages(array)
         first = last
     return taken
+
+
+def gather_rows(array: NDArray[Any], rows: NDArray[np.int64]) -> NDArray[Any]:
+    """Returns a copy of some rows, as many pages as that takes stay resident.
+
+    `take` is the fastest, but copies all of an array whose rows lie apart, as those of a side do.
+    """
+    return array.take(rows, axis=0) if array.flags.c_contiguous else array[rows]
 
 
 def release_pages(array: NDArray[Any]) -> None:

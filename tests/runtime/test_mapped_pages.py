@@ -1,14 +1,22 @@
 """Pages of mapped files are given back, and read again as they are."""
 
 import mmap
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from swarmdata.runtime import mapped_pages
-from swarmdata.runtime.mapped_pages import MappedReads, mapping_of, release_pages, take_rows
+from swarmdata.runtime.mapped_pages import (
+    MappedReads,
+    gather_rows,
+    mapping_of,
+    release_pages,
+    take_rows,
+)
 
 ROWS, COLUMNS = 8192, 256
 
@@ -99,3 +107,12 @@ def test_rows_are_taken_in_any_order_and_their_pages_given_back(
         assert np.array_equal(take_rows(mapped, rows), expected[rows])
         assert not len(rows) or resident(mapped) == 0
     assert np.array_equal(take_rows(expected, np.array([3, 3])), expected[[3, 3]])
+
+
+@pytest.mark.parametrize("read", [take_rows, gather_rows])
+def test_only_the_rows_that_are_asked_for_are_copied(
+    read: Callable[[NDArray[Any], NDArray[np.int64]], NDArray[Any]],
+) -> None:
+    endless = np.broadcast_to(np.arange(6.0), (1 << 40, 6))[:, 1:3]
+    rows = np.array([1 << 39, 7])
+    assert read(endless, rows).tolist() == [[1.0, 2.0], [1.0, 2.0]]
