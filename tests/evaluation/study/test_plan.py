@@ -116,6 +116,24 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
         ({"algorithms": ["bc", "bc"]}, "algorithms are named twice: bc"),
         ({"algorithms": []}, "algorithms"),
         ({"seeds": 0}, "seeds: 0 seeds, expected from 1 to 1000"),
+        ({"budget": 2, "settings": {"n_updates": 9}}, "got budget and the setting n_updates"),
+        (
+            {"algorithms": {"bc": {"updates": 9, "settings": {"n_updates": 9}}}},
+            r"algorithms\.bc: got updates and the setting n_updates",
+        ),
+        (
+            {
+                "online": {
+                    "x": {
+                        "algorithm": "mappo",
+                        "task": "coop_nav",
+                        "frames": 9,
+                        "settings": {"n_steps": 9},
+                    }
+                }
+            },
+            r"online\.x: got frames and the setting n_steps",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(
