@@ -72,6 +72,15 @@ def import_command(
     _print_made(made)
 
 
+LEFT_OUT = {
+    "steps_between_episodes": "they are between episodes (`length`, `goal_change`, marker, gap)",
+    "steps_of_short_episodes": "their episodes are too short (`min_steps`)",
+    "first_poses": "the first pose of an episode only gives the velocity of the next",
+    "steps_after_the_end": "the task had ended before",
+}
+"""Why an import leaves out steps of the logs, by the name of their number on the card."""
+
+
 def _print_made(made: "Dataset") -> None:
     """Prints a new dataset, with what is absent or left out, and whether a split is."""
     from swarmdata.store.split_rule import empty_validation
@@ -82,8 +91,9 @@ def _print_made(made: "Dataset") -> None:
         typer.echo(
             f"Robots are absent in {n_steps} steps: their pose or command is unknown (`max_gap`)."
         )
-    if n_steps := notes.get("steps_of_short_episodes"):
-        typer.echo(f"{n_steps} steps are left out: their episodes are too short (`min_steps`).")
+    for name, why in LEFT_OUT.items():
+        if n_steps := notes.get(name):
+            typer.echo(f"{n_steps} steps are left out: {why}.")
     if not len(made.split("validation")):
         typer.echo(f"Note that {empty_validation(len(made))}")
 

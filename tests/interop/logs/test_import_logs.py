@@ -142,6 +142,21 @@ def test_a_gap_makes_a_robot_absent_or_cuts(tmp_path: Path, logs: list[Path]) ->
     assert [len(episode) for episode in cut] == [99, 488]
 
 
+def test_steps_in_no_episode_are_counted_and_printed(tmp_path: Path, logs: list[Path]) -> None:
+    write_csv(logs[1], without(drive(60.0, 1.0), 10.0, 11.0))
+    whole = make(tmp_path, logs, episodes={})
+    lengths = {"length": 2.0, "min_steps": 12}
+    cut = make(tmp_path, logs, gaps="cut", episodes=lengths)
+    counts = [int(notes(cut)[f"steps_{which}_episodes"]) for which in ("of_short", "between")]
+    assert min(counts) > 0
+    assert cut.n_steps + sum(counts) == whole.n_steps
+    arguments = ("import", *logs, "--map", tmp_path / "map.yaml", "--id", ID)
+    text = log_map(gaps="cut", episodes=lengths).to_yaml()
+    (tmp_path / "map.yaml").write_text(text)
+    printed = CliRunner().invoke(app, list(map(str, (*arguments, "--out", tmp_path / "printed"))))
+    assert f"{counts[1]} steps are left out: they are between episodes" in printed.output
+
+
 def test_clock_offsets_shift_a_robot(tmp_path: Path) -> None:
     anna, bert = write_team(tmp_path)
     late = drive(60.0, 1.0)
