@@ -55,6 +55,7 @@ def import_command(
     Nothing is invented: gaps are masked, and columns that the map does not name are refused.
     """
     from swarmdata.interop.logs.import_logs import import_logs, read_map, remake_logs
+    from swarmdata.registry.recipes import check_own_id
     from swarmdata.runtime.cache_folder import cache_folder
     from swarmdata.specs.origins.log_origin import ImportedLogs
 
@@ -65,6 +66,8 @@ def import_command(
     elif id_ is None:
         raise typer.BadParameter("required with a map", param_hint="--id")
     else:
+        if out is None:  # where `load` finds it by its id
+            check_own_id(id_)
         notes = parse_settings(note, "--note")
         made = import_logs(
             logs, out or place / id_, log_map=found, id=id_, task=task, seed=seed, metadata=notes
