@@ -284,7 +284,7 @@ class Study(Frozen):
     def _check_doubling(self, where: str, one: str, other: str) -> None:
         longer, shorter = self.algorithms[one], self.algorithms[other]
         expected = shorter.updates and 2 * shorter.updates
-        doubled = {"updates": expected, "datasets": longer.datasets}
+        doubled = {"updates": expected, "datasets": longer.datasets, "family": longer.family}
         if expected is None or longer != shorter.model_copy(update=doubled):
             raise ValueError(
                 f"{where}: {one!r} is not {other!r} with twice the updates, which doubling: true "

@@ -44,7 +44,7 @@ def test_every_row_without_its_ingredient_stands_in_a_pair(file: Path) -> None:
 
 
 def test_doubling_is_twice_the_updates(make_study: Make) -> None:
-    rows = {k: {"algorithm": "bc", "family": "f", "updates": n} for k, n in (("a", 7), ("b", 14))}
+    rows = {k: {"algorithm": "bc", "updates": n} for k, n in (("a", 7), ("b", 14))}
     study = make_study(algorithms=rows, **compared(["b", "a"], doubling=True))
     assert study.differences["x"].doubling
     with pytest.raises(SpecError, match="'a' is not 'b' with twice the updates"):
