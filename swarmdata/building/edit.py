@@ -11,6 +11,7 @@ from swarmdata.building.combine import describe, write_edit
 from swarmdata.building.subsample import N_RETURN_BINS, matched, sized
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import DatasetNotFoundError, SchemaError, check_type
+from swarmdata.registry.recipes import check_own_id
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins.edit_origin import Edit
@@ -218,6 +219,8 @@ def _all_there(there: Any, wanted: Collection[int], what: str) -> Any:
 def _edit(
     views: list[Dataset], out: Path | str | None, name: str, tier: str, operation: str
 ) -> Dataset:
+    if out is None:  # where `load` finds it by its id
+        check_own_id(name)
     folder = cache_folder() / "datasets" / name if out is None else Path(out)
     views = [replace(view, selection=np.unique(view.selection)) for view in views]
     return write_edit(describe(views, name, tier, operation), views, folder)

@@ -286,9 +286,11 @@ class Sampler(RowSampler):
     ) -> None:
         if len(selection) == 0:
             raise SchemaError("there are no episodes to sample from; widen the filter")
-        numbers = {"batch_size": batch_size, "horizon": horizon, "burn_in": burn_in, "seed": seed}
-        for name, given in numbers.items():
-            check_type(f"sampler {name}", given, (int, np.integer, NoneType), "a whole number")
+        whole = (int, np.integer)
+        for name, given in {"batch_size": batch_size, "seed": seed}.items():
+            check_type(f"sampler {name}", given, whole, "a whole number")
+        for name, length in {"horizon": horizon, "burn_in": burn_in}.items():
+            check_type(f"sampler {name}", length, (*whole, NoneType), "a whole number or None")
         if batch_size < 1 or (horizon is not None and horizon < 1):
             raise SchemaError(
                 f"sampler got batch_size={batch_size} and horizon={horizon}, expected at least 1"

@@ -8,9 +8,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from swarmdata.errors import BuildError, UnknownNameError
+from swarmdata.errors import BuildError, SpecError, UnknownNameError
 from swarmdata.registry.presets import preset
-from swarmdata.registry.published import LazyTable
+from swarmdata.registry.published import LazyTable, published
 from swarmdata.registry.tiers import (
     ACTION_NOISE_STD,
     CONVENTION_FAMILIES,
@@ -194,6 +194,15 @@ def find_recipe(dataset_id: str) -> Recipe:
 def is_dataset(name: str) -> bool:
     """Whether a shipped recipe has this id, with or without its version."""
     return any(each in shipped_recipes() for each in versions_of(name))
+
+
+def check_own_id(dataset_id: str) -> None:
+    """Raises SpecError for the id of a dataset of the package, which a user's own cannot have."""
+    if dataset_id in shipped_recipes() or dataset_id in published():
+        raise SpecError(
+            f"{dataset_id} is the id of a dataset of the package; choose another, such as "
+            "my_task-mine-v0"
+        )
 
 
 def versions_of(name: str) -> tuple[str, str]:

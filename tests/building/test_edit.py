@@ -221,6 +221,13 @@ def test_killed_in_the_middle_leaves_nothing(
     assert made.digest == Dataset.open(tmp_path / "out", verify="full").digest
 
 
+def test_an_edit_in_the_cache_has_no_published_id(source: Dataset, tmp_path: Path) -> None:
+    taken: dict[str, Any] = {"id": "coop_nav-medium-v1", "policy": "tag-0"}
+    with pytest.raises(SpecError, match="is the id of a dataset of the package"):
+        filter_dataset(source, **taken)
+    assert filter_dataset(source, tmp_path / "out", **taken).id == "coop_nav-medium-v1"
+
+
 def test_edits_of_edits_are_made_again(source: Dataset, other: Dataset, tmp_path: Path) -> None:
     both = combine_datasets([source, other], tmp_path / "both", id="coop_nav-both-v0")
     few = subsample_dataset(both, tmp_path / "few", id="coop_nav-few-v0", n_steps=40, seed=3)

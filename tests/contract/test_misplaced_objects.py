@@ -102,6 +102,10 @@ MISTAKES: dict[str, tuple[Callable[[Any, Path], Any], str]] = {
         lambda data, out: data.sampler(4, seed=1.5),
         "sampler seed is 1.5, expected a whole number",
     ),
+    "sample by no seed": (
+        lambda data, out: data.sampler(4, seed=None),
+        "sampler seed is None, expected a whole number",
+    ),
     "sample windows of a part of a step": (
         lambda data, out: data.sampler(4, horizon=1.5),
         "sampler horizon is 1.5, expected a whole number",

@@ -55,6 +55,7 @@ def import_command(
     Nothing is invented: gaps are masked, and columns that the map does not name are refused.
     """
     from swarmdata.interop.logs.import_logs import import_logs, read_map, remake_logs
+    from swarmdata.registry.recipes import check_own_id
     from swarmdata.runtime.cache_folder import cache_folder
     from swarmdata.specs.origins.log_origin import ImportedLogs
 
@@ -65,11 +66,22 @@ def import_command(
     elif id_ is None:
         raise typer.BadParameter("required with a map", param_hint="--id")
     else:
+        if out is None:  # where `load` finds it by its id
+            check_own_id(id_)
         notes = parse_settings(note, "--note")
         made = import_logs(
             logs, out or place / id_, log_map=found, id=id_, task=task, seed=seed, metadata=notes
         )
     _print_made(made)
+
+
+LEFT_OUT = {
+    "steps_between_episodes": "they are between episodes (`length`, `goal_change`, marker, gap)",
+    "steps_of_short_episodes": "their episodes are too short (`min_steps`)",
+    "first_poses": "the first pose of an episode only gives the velocity of the next",
+    "steps_after_the_end": "the task had ended before",
+}
+"""Why an import leaves out steps of the logs, by the name of their number on the card."""
 
 
 def _print_made(made: "Dataset") -> None:
@@ -82,8 +94,9 @@ def _print_made(made: "Dataset") -> None:
         typer.echo(
             f"Robots are absent in {n_steps} steps: their pose or command is unknown (`max_gap`)."
         )
-    if n_steps := notes.get("steps_of_short_episodes"):
-        typer.echo(f"{n_steps} steps are left out: their episodes are too short (`min_steps`).")
+    for name, why in LEFT_OUT.items():
+        if n_steps := notes.get(name):
+            typer.echo(f"{n_steps} steps are left out: {why}.")
     if not len(made.split("validation")):
         typer.echo(f"Note that {empty_validation(len(made))}")
 

@@ -180,8 +180,9 @@ def check_no_task(dataset: str, task: str | None) -> None:
 
 
 def _numbered(label: str, contents: Sequence[str | None]) -> tuple[Provenance, ...]:
+    where = f"the policies of {label!r}, whose name is their label; rename the file"
     return tuple(
-        Provenance(label=label, index=index, content=content)
+        Provenance.parse({"label": label, "index": index, "content": content}, where)
         for index, content in enumerate(contents)
     )
 

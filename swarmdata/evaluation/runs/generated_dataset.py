@@ -13,8 +13,7 @@ from swarmdata.errors import SpecError, list_of
 from swarmdata.evaluation.runs.named_policies import Behavior, behaviors_of, takes_noise
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.presets import find_spec
-from swarmdata.registry.published import published
-from swarmdata.registry.recipes import part_size, shipped_recipes
+from swarmdata.registry.recipes import check_own_id, part_size
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.specs.model_choice import Ranges, Source, chosen_models
@@ -94,7 +93,7 @@ def generate(
         MissingExtraError: a run folder needs torch.
     """
     spec = chosen_models(find_spec(task), observation, communication, backend, randomization)
-    _check_id(id)
+    check_own_id(id)
     if not isinstance(noise, int | float) or not 0 <= noise < math.inf:
         raise SpecError(f"noise is {noise!r:.100}, expected a standard deviation of at least 0")
     shares = _shares(policies)
@@ -137,14 +136,6 @@ def _recipe(
         "part_episodes": part_size(spec, policies, n_steps),
     }
     return Recipe.parse(content, f"the recipe of {id}")
-
-
-def _check_id(id: str) -> None:
-    """Refuses an id that means another dataset."""
-    if id in shipped_recipes() or id in published():
-        raise SpecError(
-            f"{id} is the id of a dataset of the package; choose another, such as my_task-mine-v0"
-        )
 
 
 def _shares(

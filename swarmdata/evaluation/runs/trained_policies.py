@@ -131,16 +131,18 @@ def _provenance(index: int, seed: Seed, run: OfflineRun | OnlineRun, name: str) 
         "run": str(seed.folder.resolve()),
         "content": run_hash(*seed),
     }
+    where = f"the run {seed.folder}, whose folder's name is its label; rename it"
     if isinstance(run, OnlineRun):
-        return Provenance(label=name, frames=int(last_policy_path(*seed).stem), **shared)
-    return Provenance(
-        label=label_of(name, run.dataset),
-        dataset=run.dataset,
-        digest=run.digest,
-        view=run.view,
-        updates=load_checkpoint(seed.folder / CHECKPOINT)[1]["update"],
-        **shared,
-    )
+        frames = int(last_policy_path(*seed).stem)
+        return Provenance.parse({"label": name, "frames": frames, **shared}, where)
+    trained = {
+        "label": label_of(name, run.dataset),
+        "dataset": run.dataset,
+        "digest": run.digest,
+        "view": run.view,
+        "updates": load_checkpoint(seed.folder / CHECKPOINT)[1]["update"],
+    }
+    return Provenance.parse({**trained, **shared}, where)
 
 
 def _check_robots(run: Path, trained: TaskSpec, offered: TaskSpec) -> None:

@@ -38,6 +38,12 @@ class Variant(Frozen):
     rewards: dict[str, float] | str | None = None  # to learn from, as `load` takes them
     datasets: Names = ()  # of the study; empty: all
 
+    @model_validator(mode="after")
+    def _has_one_length(self) -> Self:
+        if self.updates is not None:
+            _check_one_length("updates", "n_updates", self.settings)
+        return self
+
 
 class Baseline(Frozen):
     """An online algorithm: a finished run, or an algorithm and a task to train in."""
@@ -53,6 +59,8 @@ class Baseline(Frozen):
         trains = self.algorithm is not None and self.task is not None
         if (self.run is None) != trains or (self.run and (self.frames or self.settings)):
             raise ValueError("expected either `run`, or `algorithm` and `task` with their settings")
+        if self.frames is not None:
+            _check_one_length("frames", "n_steps", self.settings)
         return self
 
 
@@ -233,6 +241,12 @@ class Study(Frozen):
         return self
 
     @model_validator(mode="after")
+    def _has_one_length(self) -> Self:
+        if self.budget != 1:
+            _check_one_length("budget", "n_updates", self.settings)
+        return self
+
+    @model_validator(mode="after")
     def _mixtures_are_trained_on_as_they_are(self) -> Self:
         _check_known("mixtures", self.mixtures, self.datasets)
         for name in self.mixtures:
@@ -281,7 +295,7 @@ class Study(Frozen):
     def _check_doubling(self, where: str, one: str, other: str) -> None:
         longer, shorter = self.algorithms[one], self.algorithms[other]
         expected = shorter.updates and 2 * shorter.updates
-        doubled = {"updates": expected, "datasets": longer.datasets}
+        doubled = {"updates": expected, "datasets": longer.datasets, "family": longer.family}
         if expected is None or longer != shorter.model_copy(update=doubled):
             raise ValueError(
                 f"{where}: {one!r} is not {other!r} with twice the updates, which doubling: true "
@@ -300,6 +314,11 @@ class Study(Frozen):
     def families(self) -> Names:
         """The families of the offline algorithms, in the order of the file."""
         return tuple(dict.fromkeys(variant.family for variant in self.algorithms.values()))
+
+
+def _check_one_length(key: str, name: str, settings: Mapping[str, Any]) -> None:
+    if name in settings:
+        raise ValueError(f"got {key} and the setting {name}, expected one of them: leave one out")
 
 
 def _check_known(where: str, names: Iterable[str], known: Iterable[str]) -> None:

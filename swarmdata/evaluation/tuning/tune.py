@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from itertools import islice
@@ -30,6 +31,7 @@ from swarmdata.learn.evaluation.transitions import Actor
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.settings import (
     as_texts,
+    check_effects,
     drawn_settings,
     override,
     space_of,
@@ -158,9 +160,14 @@ def _drawn(
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
     trials: list[dict[str, Any]] = [{}]
     for settings in islice(drawn_settings(space_of(kind, algorithm), seed), n_trials - 1):
-        unmet = unmet_needs(override(kind.Config(), as_texts({**changes, **settings})))
-        trials.append({name: value for name, value in settings.items() if name not in unmet})
+        kept = _with_effect(kind, {**changes, **settings})
+        trials.append({name: value for name, value in settings.items() if name in kept})
     return trials
+
+
+def _with_effect(kind: Any, settings: Mapping[str, Any]) -> dict[str, Any]:
+    unmet = unmet_needs(override(kind.Config(), as_texts(settings)))
+    return {name: value for name, value in settings.items() if name not in unmet}
 
 
 def _study(
@@ -176,11 +183,11 @@ def _study(
         raise SpecError("changes has n_updates, which is the argument n_updates; leave it out")
     if twice := repeated(map(short_name, plan["datasets"])):
         raise SpecError(f"two datasets are called {', '.join(twice)}; rename a folder")
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm)
+    trials = [_with_effect(kind, {**changes, **settings}) for settings in drawn]
+    check_effects(override(kind.Config(), as_texts(changes)), changes.keys() - ChainMap(*trials))
     row = {"algorithm": algorithm, "family": "trials", "updates": updates, "frame": frame}
-    rows = {
-        f"trial-{number:02}": {**row, "settings": {**changes, **settings}}
-        for number, settings in enumerate(drawn)
-    }
+    rows = {f"trial-{k:02}": {**row, "settings": each} for k, each in enumerate(trials)}
     return Study.parse({"name": "tuning", "block": "validation", "algorithms": rows, **plan})
 
 

@@ -4,6 +4,7 @@ An episode of T steps has T + 1 states, and no two episodes share a state. In th
 was observed, the command is left out.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -42,8 +43,8 @@ def acting_robots(tracks: Sequence[RobotTrack]) -> Bool:
 
 def find_windows(
     tracks: Sequence[RobotTrack], marker: Samples | None, grid: Int, log_map: LogMap
-) -> tuple[list[Window], int]:
-    """Cuts a grid, [K] ns, as the map says; also counts the steps in episodes that are short."""
+) -> tuple[list[Window], Counter[str]]:
+    """Cuts a grid, [K] ns, as the map says; also counts the steps that are left out, by why."""
     acting = acting_robots(tracks)
     goes_on: Bool = np.asarray(acting.any(axis=1) if log_map.gaps == "mask" else acting.all(axis=1))
     broken = np.zeros(len(grid), np.bool_)  # the step to a new marker or goal is in no episode
@@ -63,7 +64,10 @@ def find_windows(
         is_end = stop < len(grid) and bool(broken[stop]) and bool(goes_on[stop])
         found += _pieces(start, stop, log_map.episodes.ends if is_end else "truncation", log_map)
     kept = [each for each in found if len(each) >= log_map.episodes.min_steps]
-    return kept, sum(map(len, found)) - sum(map(len, kept))
+    n_cut = sum(map(len, found))
+    n_between = int(acting.any(axis=1).sum()) - n_cut
+    n_short = n_cut - sum(map(len, kept))
+    return kept, Counter(steps_between_episodes=n_between, steps_of_short_episodes=n_short)
 
 
 def most_steps(log_map: LogMap) -> int | None:

@@ -1,7 +1,6 @@
 """Makes a dataset of the logs of robots."""
 
 import logging
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -211,9 +210,8 @@ def _read(
     tracks = [make_track(each, log_map, grid) for each in signals]
     _warn(doubts(signals, tracks, log_map.dt))
     cuts = log_map if task is None else _within_horizon(log_map, task)
-    windows, n_short = find_windows(tracks, markers, grid, cuts)
-    counts = Counter(reader.counts)
-    counts["steps_of_short_episodes"] = n_short
+    windows, counts = find_windows(tracks, markers, grid, cuts)
+    counts += reader.counts
     counts["clipped_commands"] = sum(track.n_clipped for track in tracks)
     if task is None:
         episodes, counts["absent_robot_steps"] = make_episodes(tracks, windows, log_map.states)

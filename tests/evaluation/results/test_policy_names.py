@@ -118,6 +118,9 @@ def test_a_run_on_a_view_is_evaluated_under_its_models(
     assert evaluate_target(harder, 2, progress=False)[0].spec == harder.spec
     with pytest.raises(SchemaError, match="run was trained with observation lidar, communication"):
         find_target(str(tmp_path / "run"), communication="none")
+    renamed = (tmp_path / "run").rename(tmp_path / "größe")
+    with pytest.raises(SpecError, match="rename it: label: 'größe' is no label"):
+        find_target(str(renamed))
 
 
 def test_a_run_on_other_rewards_is_evaluated_on_those_of_the_task(

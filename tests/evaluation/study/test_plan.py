@@ -44,7 +44,7 @@ def test_every_row_without_its_ingredient_stands_in_a_pair(file: Path) -> None:
 
 
 def test_doubling_is_twice_the_updates(make_study: Make) -> None:
-    rows = {k: {"algorithm": "bc", "family": "f", "updates": n} for k, n in (("a", 7), ("b", 14))}
+    rows = {k: {"algorithm": "bc", "updates": n} for k, n in (("a", 7), ("b", 14))}
     study = make_study(algorithms=rows, **compared(["b", "a"], doubling=True))
     assert study.differences["x"].doubling
     with pytest.raises(SpecError, match="'a' is not 'b' with twice the updates"):
@@ -117,6 +117,24 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
         ({"algorithms": ["bc", "bc"]}, "algorithms are named twice: bc"),
         ({"algorithms": []}, "algorithms"),
         ({"seeds": 0}, "seeds: 0 seeds, expected from 1 to 1000"),
+        ({"budget": 2, "settings": {"n_updates": 9}}, "got budget and the setting n_updates"),
+        (
+            {"algorithms": {"bc": {"updates": 9, "settings": {"n_updates": 9}}}},
+            r"algorithms\.bc: got updates and the setting n_updates",
+        ),
+        (
+            {
+                "online": {
+                    "x": {
+                        "algorithm": "mappo",
+                        "task": "coop_nav",
+                        "frames": 9,
+                        "settings": {"n_steps": 9},
+                    }
+                }
+            },
+            r"online\.x: got frames and the setting n_steps",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(

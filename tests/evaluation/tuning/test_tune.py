@@ -20,9 +20,10 @@ from swarmdata.evaluation.tuning.tune import tune
 from swarmdata.evaluation.tuning.tuning_record import Tuning
 from swarmdata.interop.logs.import_logs import import_logs
 from swarmdata.learn.evaluation.fqe import FQEConfig
-from swarmdata.learn.training.settings import override
+from swarmdata.learn.training.settings import as_texts, check_effects, override
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc import BCConfig
+from swarmdata.offline_algos.vdn import VDNConfig
 from swarmdata.registry.published import Reference
 from tests.evaluation.study.conftest import Here
 from tests.interop.logs.logged_team import log_map, write_team
@@ -100,6 +101,23 @@ def test_the_chosen_settings_are_a_config_of_train(tuned: Tuned) -> None:
     curve = csv_rows((tuned.out / "curve.csv").read_text())
     ends = float(curve[0]["validation"]), float(curve[-1]["validation"])
     assert ends == pytest.approx((made.scores[0], made.scores.max()), rel=1e-6)
+
+
+def test_a_setting_reaches_the_trials_in_which_it_has_an_effect(
+    small_tune: Tune, tmp_path: Path
+) -> None:
+    changes = {**SMALL, "behavior_head": "joint"}  # of `bc` by default; trial 1 draws `cql`
+    options = {"n_trials": 2, "n_updates": 2, "draws": 1, "changes": changes}
+    made = small_tune(tmp_path / "out", algorithm="vdn", **options)
+    for each, regulariser, head in zip(
+        made.trials, ("bc", "cql"), ("joint", "factored"), strict=True
+    ):
+        config = override(VDNConfig(), as_texts(each.config))
+        assert (config.regulariser, config.behavior_head) == (regulariser, head)
+        check_effects(config, each.config)  # as `train --config` does
+    with pytest.raises(SpecError, match=r"memory_size.* has no effect with memory 'none'"):
+        small_tune(tmp_path / "a", changes={"memory_size": 8})
+    assert not (tmp_path / "a").exists()
 
 
 @pytest.mark.slow

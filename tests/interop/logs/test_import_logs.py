@@ -28,6 +28,7 @@ from tests.interop.logs.logged_team import (
     write_csv,
     write_team,
 )
+from tests.support.command_line import run
 
 ID = "hall-monday-v0"
 ANGLE = {"name": "bearing", "column": {"column": "b", "unit": "deg"}, "between": "angle"}
@@ -140,6 +141,25 @@ def test_a_gap_makes_a_robot_absent_or_cuts(tmp_path: Path, logs: list[Path]) ->
     assert_audited(cut)
     assert cut[0].alive is None
     assert [len(episode) for episode in cut] == [99, 488]
+
+
+def test_steps_in_no_episode_are_counted_and_printed(tmp_path: Path, logs: list[Path]) -> None:
+    write_csv(logs[1], without(drive(60.0, 1.0), 10.0, 11.0))
+    whole = make(tmp_path, logs, episodes={})
+    lengths = {"length": 2.0, "min_steps": 12}
+    cut = make(tmp_path, logs, gaps="cut", episodes=lengths)
+    counts = [int(notes(cut)[f"steps_{which}_episodes"]) for which in ("of_short", "between")]
+    assert min(counts) > 0
+    assert cut.n_steps + sum(counts) == whole.n_steps
+    (tmp_path / "map.yaml").write_text(log_map(gaps="cut", episodes=lengths).to_yaml())
+    printed = run("import", *logs, "--map", tmp_path / "map.yaml", "--id", ID)
+    assert f"{counts[1]} steps are left out: they are between episodes" in printed
+
+
+def test_an_import_into_the_cache_has_no_published_id(tmp_path: Path, logs: list[Path]) -> None:
+    (tmp_path / "map.yaml").write_text(log_map().to_yaml())
+    options = ("--map", tmp_path / "map.yaml", "--id", "coop_nav-medium-v1")
+    assert "is the id of a dataset of the package" in run("import", *logs, *options, code=1)
 
 
 def test_clock_offsets_shift_a_robot(tmp_path: Path) -> None:

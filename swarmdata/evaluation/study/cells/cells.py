@@ -21,7 +21,7 @@ from swarmdata.evaluation.study.cells.study_data import (
 )
 from swarmdata.evaluation.study.plan import Study, Variant, View
 from swarmdata.learn.training.run_files import CONFIG, last_policy_path, run_folders, seeds_of
-from swarmdata.learn.training.settings import as_texts, override
+from swarmdata.learn.training.settings import as_texts, check_effects, override, unmet_needs
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.specs.frozen import Frozen, describe_differences
@@ -165,16 +165,18 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
 
 
 def _check_settings(study: Study) -> None:
-    kinds = [
-        resolve("algorithm", OFFLINE_ALGORITHMS, each.algorithm)
-        for each in study.algorithms.values()
-    ]
-    known = {field.name for kind in kinds for field in dataclasses.fields(kind.Config)}
+    """Refuses settings for all rows that no row has, or that change nothing in any row."""
+    configs = [_config_of(study, variant) for variant in study.algorithms.values()]
+    known = {field.name for config in configs for field in dataclasses.fields(config)}
     if strange := sorted(study.settings.keys() - known):
         raise SpecError(
             f"settings has {', '.join(strange)}, which none of the study's algorithms has; "
             f"expected some of: {', '.join(sorted(known))}"
         )
+    for name in study.settings:
+        having = [config for config in configs if hasattr(config, name)]
+        if all(name in unmet_needs(config) for config in having):
+            check_effects(having[0], [name])
 
 
 def offline_cell(
@@ -222,16 +224,27 @@ def offline_cell(
 
 def config_of(study: Study, variant: Variant) -> dict[str, Any]:
     """The complete configuration of a variant as JSON values, as in `config.json` of its runs."""
+    return _json(_config_of(study, variant))
+
+
+def _config_of(study: Study, variant: Variant) -> Any:
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, variant.algorithm)
     config = kind.Config()
-    updates = variant.updates or max(1, round(config.n_updates * study.budget))
-    changes: dict[str, Any] = {"n_updates": updates}
+    changes: dict[str, Any] = {"n_updates": max(1, round(config.n_updates * study.budget))}
     if study.hidden is not None:
         widths = (name for name in WIDTHS if isinstance(getattr(config, name, None), tuple))
         changes |= dict.fromkeys(widths, study.hidden)
     names = {field.name for field in dataclasses.fields(config)}
     changes |= {k: v for k, v in study.settings.items() if k in names}
-    return _json(override(config, as_texts({**changes, **variant.settings})))
+    changes |= {} if variant.updates is None else {"n_updates": variant.updates}
+    return _changed(config, {**changes, **variant.settings}, own=variant.settings)
+
+
+def _changed(config: Any, changes: Mapping[str, Any], own: Mapping[str, Any]) -> Any:
+    """A changed config; refuses a row's own settings that have no effect, as `train` does."""
+    found = override(config, as_texts(changes))
+    check_effects(found, as_texts(own))
+    return found
 
 
 def _seen_in(data: str, view: View) -> str:
@@ -252,7 +265,8 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
     assert baseline.task is not None
     kind = resolve("algorithm", ONLINE_ALGORITHMS, baseline.algorithm)
     length = {} if baseline.frames is None else {"n_steps": baseline.frames}
-    config = _json(override(kind.Config(), as_texts({**length, **baseline.settings})))
+    settings = baseline.settings
+    config = _json(_changed(kind.Config(), {**length, **settings}, own=settings))
     return Cell(
         kind="online",
         data=_seen_in(Path(baseline.task).stem, view),

@@ -31,11 +31,11 @@ def configs(make_study: Make, algorithms: Any, **changes: Any) -> list[dict[str,
 
 
 def test_configurations_are_complete_and_scaled(make_study: Make) -> None:
-    row = {**MADDPG, "settings": {"actor_hidden": [4, 4], "rl_weight": 2}}
+    row = {**MADDPG, "settings": {"actor_hidden": [4, 4], "max_grad_norm": 2}}
     half, own = configs(make_study, {"maddpg_bc": {}, "own": row}, budget=0.5)
     assert half["n_updates"] == 9000
     assert (half["actor_hidden"], half["critic_hidden"]) == ([8], [8])
-    assert (own["n_updates"], own["rl_weight"]) == (10, 2.0)
+    assert (own["n_updates"], own["max_grad_norm"]) == (10, 2.0)
     assert (own["actor_hidden"], own["critic_hidden"]) == ([4, 4], [8])
 
 
@@ -48,15 +48,42 @@ def test_widths_are_of_actors_and_critics_and_not_of_what_teaches_them(make_stud
 
 
 def test_settings_for_all_reach_those_that_have_them(make_study: Make) -> None:
-    rows = {"bc": BC, "own": {**MADDPG, "settings": {"rl_weight": 2}}}
-    bc, own = configs(make_study, rows, settings={"actor_hidden": [4, 4], "rl_weight": 3})
+    rows = {"bc": BC, "own": {**MADDPG, "settings": {"max_grad_norm": 2}}}
+    bc, own = configs(make_study, rows, settings={"actor_hidden": [4, 4], "max_grad_norm": 3})
     assert (bc["hidden"], own["actor_hidden"], own["critic_hidden"]) == ([8], [4, 4], [8])
-    assert own["rl_weight"] == 2.0
+    assert own["max_grad_norm"] == 2.0
 
 
 def test_a_setting_that_nobody_has_is_refused(make_study: Make) -> None:
     with pytest.raises(SpecError, match="settings has sharpness, which none"):
         cells(make_study(settings={"sharpness": 1}))
+
+
+IDLE = {"memory_size": 8}  # without effect unless `memory` is gru
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"algorithms": {"bc": {"settings": IDLE}}},
+        {"algorithms": {"bc": {}}, "settings": IDLE},
+        {"online": {"on": {"algorithm": "mappo", "task": "coop_nav", "settings": IDLE}}},
+    ],
+)
+def test_a_setting_without_effect_is_refused(make_study: Make, changes: dict[str, Any]) -> None:
+    with pytest.raises(SpecError, match=r"memory_size.* has no effect with memory 'none'"):
+        cells(make_study(**changes))
+
+
+def test_a_setting_for_all_has_an_effect_in_some_row(make_study: Make) -> None:
+    rows = {"bc": {}, "gru": {"algorithm": "bc", "settings": {"memory": "gru"}}}
+    _, gru = configs(make_study, rows, settings=IDLE)
+    assert gru["memory_size"] == 8
+
+
+def test_updates_of_a_row_win_over_those_for_all(make_study: Make) -> None:
+    bc, own = configs(make_study, {"bc": {}, "own": BC}, settings={"n_updates": 7})
+    assert (bc["n_updates"], own["n_updates"]) == (7, 20)
 
 
 def test_sizes_are_datasets_and_a_full_one_is_the_studys_own(make_study: Make) -> None:
