@@ -120,14 +120,13 @@ def _check(tables: Sequence[Double]) -> None:
 def rate_interval(outcomes: Double) -> Estimate:
     """Returns the share of episodes with its interval, between 0 and 1, of outcomes 0 or 1, [K, E].
 
-    Of one seed it is Wilson's. So it is if no or every episode of all seeds is a success: then the
-    variances are 0, and E episodes count, as if seeds always agreed.
+    Of one seed it is Wilson's. So it is where the variances are 0, as without a failure, or with
+    one success of each seed in another episode: E episodes count, as if seeds always agreed.
     """
-    _check([outcomes])
-    first = outcomes[0]
-    if len(outcomes) == 1 or (outcomes == first[0]).all():
-        return wilson_interval(int(first.sum()), len(first))
-    return mean_interval(outcomes, bounds=SHARE)
+    found = mean_interval(outcomes, bounds=SHARE)
+    if len(outcomes) > 1 and not math.isclose(found.low, found.high):
+        return found
+    return wilson_interval(outcomes.sum() / len(outcomes), outcomes.shape[1])
 
 
 RARE = 5

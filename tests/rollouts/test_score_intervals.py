@@ -134,6 +134,7 @@ def test_rates_stay_between_none_and_all() -> None:
     assert rate_interval(rare[:1]) == wilson_interval(1, 40)
     assert rate_interval(np.ones((3, 40))) == wilson_interval(40, 40)
     assert rate_interval(np.zeros((3, 40))) == wilson_interval(0, 40)
+    assert rate_interval(np.eye(3, 40)) == wilson_interval(1, 40), "seeds agree on the rate"
     assert rate_interval((RNG.random((3, 40)) < 0.5).astype(np.float64)).low > 0.0
 
 
