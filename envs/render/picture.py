@@ -221,7 +221,9 @@ def draw_fans(canvas: Canvas, scene: Scene, scan: Scan) -> None:
     n_fans = len(scan.shown)  # one fan is strong; more than four are paler the more there are
     strength = 1.8 if n_fans == 1 else min(1.0, 2.0 / math.sqrt(n_fans))
     for i in scan.shown:
-        canvas.polygon(_swept(scene, scan, i), ink(robot_color(i), 0.1 * strength**1.5))
+        fan = _swept(scene, scan, i)
+        if len(fan) > 1:  # a single ray that hits something covers no area
+            canvas.polygon(fan, ink(robot_color(i), 0.1 * strength**1.5))
     for i in scan.shown:
         for end in _ends(scene, scan, i):
             ray = np.array([scene.robots[i, [X, Y]], end])

@@ -48,7 +48,8 @@ def pursuit_of(spec: TaskSpec) -> TaskSpec:
     """The task `pursuit` in which the pursuers of a spec chase an evader that the task moves.
 
     Raises:
-        SpecError: the spec is another task's, or its team is not that of `tag`.
+        SpecError: the spec is another task's, its team is not that of `tag`, or the evader's speed
+            is more than 1,000 times, or less than a thousandth of, that of the pursuers.
     """
     rules, (*pursuers, last) = spec.rules_as(TagRules), spec.team
     if not pursuers or last.name != EVADER_ROLE or last.count != 1:
@@ -58,13 +59,14 @@ def pursuit_of(spec: TaskSpec) -> TaskSpec:
             "Start from the preset tag."
         )
     top = max(role.robot.max_speed for role in pursuers)
-    pursuit = PursuitRules(
-        captors=rules.captors,
-        capture_radius=rules.capture_radius,
-        speed_ratio=last.robot.max_speed / top,
-        evader_radius=last.robot.radius,
-        start_size=rules.start_size,
-    )
+    fields = {
+        "captors": rules.captors,
+        "capture_radius": rules.capture_radius,
+        "speed_ratio": last.robot.max_speed / top,
+        "evader_radius": last.robot.radius,
+        "start_size": rules.start_size,
+    }
+    pursuit = PursuitRules.parse(fields, "the team of tag")
     return spec.with_updates(
         rules=pursuit,
         team=pursuers,

@@ -21,7 +21,7 @@ from swarmdata.perception.sensing.odometry import Odometry
 from swarmdata.perception.sensing.sensed_scene import N_BODY, Scene
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.features import Feature
-from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, VY, X, Y
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, VY, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
@@ -119,6 +119,7 @@ class MeasuredWorld:
         if not self._odometry.is_exact:
             np.copyto(self._poses, self._known)
             self._odometry.advance(step, active, self._known)
+        stay_on_target(step.states, active, self._known)
         return self._known
 
     def measured_by(self, robot: int, step: Step, active: Bool) -> World:
@@ -194,6 +195,21 @@ def localise(
             c, s = _turn(bits, noise.direction, table)
             ux, uy = np.float64(states[b, at + UX]), np.float64(states[b, at + UY])
             known[b, at + UX], known[b, at + UY] = c * ux - s * uy, s * ux + c * uy
+
+
+@kernel
+def stay_on_target(states: Float, active: Bool, known: Float) -> None:
+    """Keeps targets that are where their robot is, as of one that knows no evader, at it.
+
+    They follow from the robot's measured position as from its true one, which they would tell.
+    """
+    for b in range(known.shape[0]):
+        if not active[b]:
+            continue
+        for i in range(known.shape[1] // N_COLUMNS):
+            at = N_COLUMNS * i
+            if states[b, at + TX] == states[b, at + X] and states[b, at + TY] == states[b, at + Y]:
+                known[b, at + TX], known[b, at + TY] = known[b, at + X], known[b, at + Y]
 
 
 @kernel(inline="always")

@@ -212,6 +212,13 @@ def test_a_scan_without_a_lidar_needs_a_range() -> None:
     assert pixel(draw(SPEC, EMPTY, STATE, scan=scan, scan_range=1.0), 1, 1.5) == RIGHT
 
 
+def test_a_lidar_of_one_ray_is_drawn_as_that_ray() -> None:
+    scan = np.full((2, 1), 0.5, np.float32)
+    image = draw(SPEC, EMPTY, STATE, scan=scan, scan_range=1.0)
+    where = np.argwhere(changed(image, draw(SPEC, EMPTY, STATE)))
+    assert where[:, 0].max() < 512 * 1.2 / 4.2  # at the height of the robots, along their headings
+
+
 def links(*pairs: tuple[int, int], n: int = 2) -> np.ndarray[Any, np.dtype[np.bool_]]:
     """Who (first) heard whom."""
     heard = np.zeros((n, n), np.bool_)

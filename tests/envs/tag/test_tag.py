@@ -55,6 +55,9 @@ def test_teams_and_ends_without_a_winner_are_refused() -> None:
             Tag(with_team(*team))
     with pytest.raises(SpecError, match="captors is 3 in a team of 2 robots"):
         Tag(with_team({**pursuer, "count": 2}, evader))
+    slow = {**pursuer, "robot": {"max_speed": 1e-3}}
+    with pytest.raises(SpecError, match="in the team of tag: speed_ratio: expected at most 1000"):
+        Tag(with_team(slow, {**evader, "robot": {"max_speed": 1.2}}))
     with pytest.raises(SpecError, match="on_collision fail ends an episode in which no side"):
         SPEC.with_updates(on_collision="fail")
 

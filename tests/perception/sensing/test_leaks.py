@@ -240,3 +240,20 @@ def test_what_a_task_adds_hides_it_too(name: str, kind: str) -> None:
         hidden["payload"] = np.repeat(body, n, axis=0) - robots[:, :2]
     for what, error in errors_of(columns, hidden).items():
         assert error > ALONE * STD, what
+
+
+@pytest.mark.parametrize("error", ["noise-0.2", "drift-0.2"])
+@pytest.mark.parametrize("name", ["pursuit-sight", "tag"])
+def test_a_target_where_the_robot_is_does_not_tell_where(name: str, error: str) -> None:
+    """Of a robot that knows no evader, and of one that is the evader: they are the last."""
+    env = make_env(preset(name).with_updates(observation=f"=state+{error}"), 50)
+    step = env.reset(np.arange(50, dtype=np.uint64))
+    for _ in range(5):
+        step = env.step(np.full((50, env.spec.n_agents, env.action_size), 0.3))
+    names, seen = [feature.name for feature in env.features], step.observations[:, -1]
+    x, to_goal = (seen[:, names.index(name)] for name in ("own.x", "own.goal_dx"))
+    at = N_COLUMNS * (env.spec.n_agents - 1)
+    stays = step.states[:, at] == step.states[:, at + 6]
+    assert stays.any()
+    assert np.abs(x - step.states[:, at])[stays].min() > 0
+    assert not to_goal[stays].any()
