@@ -29,7 +29,6 @@ class Finding:
     message: str  # what is wrong, where, and what was expected
 
     def __str__(self) -> str:
-        """One line."""
         return f"{self.level}: {self.check}: {self.message}"
 
 
@@ -44,7 +43,6 @@ class Audit:
 
     @property
     def problems(self) -> tuple[Finding, ...]:
-        """The findings that are problems."""
         return tuple(each for each in self.findings if each.level == "problem")
 
     def to_text(self) -> str:

@@ -46,7 +46,6 @@ class Difference:
     replayed: str
 
     def __str__(self) -> str:
-        """One phrase."""
         agent = "" if self.agent is None else f", agent {self.agent}"
         return (
             f"episode {self.episode}, step {self.step}{agent}: {self.array} is {self.stored}, "

@@ -34,13 +34,11 @@ class Subject:
 
     @classmethod
     def of(cls, stored: StoredDataset, sample: int, progress: bool) -> Self:
-        """A subject of open files."""
         parts = stored.path, stored.manifest, stored.recipe, stored.table, stored.arrays
         return cls(stored, *parts, sample, progress)
 
     @property
     def spec(self) -> Spec:
-        """What was recorded."""
         return self.origin.spec
 
     @property
@@ -82,7 +80,6 @@ class Subject:
         return f"episode {episode}, step {row - int(self.starts_of(name)[episode])}"
 
     def rows_of(self, name: str, episodes: slice) -> NDArray[Any]:
-        """The rows of consecutive episodes in the array `name`."""
         starts, extra = self.starts_of(name)[episodes], int(ALL_FIELDS[name].rows == "states")
         last = int(starts[-1] + self.table.lengths[episodes][-1]) + extra
         rows: NDArray[Any] = self.arrays[name][int(starts[0]) : last]

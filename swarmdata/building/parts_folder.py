@@ -103,7 +103,6 @@ class Parts:
             return False
 
     def remove_leftovers(self) -> None:
-        """Removes what killed processes left."""
         remove_leftovers(self.folder, RECIPE, _PART)
 
     def remove_checkpoints(self) -> None:
@@ -178,7 +177,6 @@ class Parts:
         return jobs
 
     def job(self, policy: int, part: int) -> Job:
-        """What makes a part."""
         return Job(
             name=f"part {part} of {self.recipe.policies[policy].label}",
             payload={

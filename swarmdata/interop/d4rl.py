@@ -165,15 +165,10 @@ def read_foreign_file(file: Any, source: Path, task: str, choices: Choices) -> I
         str(source), flags["terminals"], flags.get("timeouts"), reader,
         has_next="next_observations" in arrays,
     )  # fmt: skip
-    unread = [name for name in _all_arrays(file) if name not in names]
-    return import_without_note(task, shapes, [timeline], choices, unread=unread)
-
-
-def _all_arrays(file: Any) -> list[str]:
-    """Names of all arrays, those in groups with the group's."""
-    found: list[str] = []
+    found: list[str] = []  # all arrays, those in groups with the group's name
     file.visititems(lambda name, each: found.append(name) if hasattr(each, "dtype") else None)
-    return found
+    unread = [name for name in found if name not in names]
+    return import_without_note(task, shapes, [timeline], choices, unread=unread)
 
 
 FORMAT = Format("d4rl", "D4RL-style HDF5", KEPT_NAMES, {}, read, write)

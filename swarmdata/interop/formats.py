@@ -14,11 +14,11 @@ FORMATS = {
     "d4rl": "swarmdata.interop.d4rl:FORMAT",
     "d4rl-agents": "swarmdata.interop.d4rl_agents:FORMAT",
     "lerobot": "swarmdata.interop.lerobot:FORMAT",
-    "mcap": "swarmdata.interop.bags.mcap_file:FORMAT",
+    "mcap": "swarmdata.interop.bags.bag_formats:MCAP",
     "minari": "swarmdata.interop.minari:FORMAT",
     "numpy": "swarmdata.interop.numpy_folders:FORMAT",
     "parquet": "swarmdata.interop.parquet:FORMAT",
-    "rosbag2": "swarmdata.interop.bags.rosbag2:FORMAT",
+    "rosbag2": "swarmdata.interop.bags.bag_formats:ROSBAG2",
     "torchrl": "swarmdata.interop.torchrl.torchrl:FORMAT",
     "vault": "swarmdata.interop.vault:FORMAT",
 }

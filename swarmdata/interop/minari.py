@@ -30,7 +30,6 @@ from swarmdata.interop.conversion.dataset_facts import (
     TIME_ARRAYS,
     array_names,
     recorded_agents,
-    split_rows,
 )
 from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
 from swarmdata.interop.conversion.foreign_data import unread_note
@@ -57,6 +56,7 @@ from swarmdata.specs.spaces import (
     space_of,
     stack_agents,
     to_gymnasium,
+    unflatten,
     width,
 )
 from swarmdata.specs.task_spec import TaskSpec
@@ -182,7 +182,7 @@ def _buffers(
     if (costs := costs_of(episode.events)) is not None:
         infos["costs"] = costs
     observations, actions = (
-        {agent.name: split_rows(getattr(agent, kind), rows[:, k]) for k, agent in enumerate(agents)}
+        {agent.name: unflatten(getattr(agent, kind), rows[:, k]) for k, agent in enumerate(agents)}
         for kind, rows in (("observation", episode.observations), ("action", episode.actions))
     )
     return {

@@ -234,7 +234,6 @@ class Table:
         return BlockReader(read, self.n_rows, self.row_bytes, self.path)
 
     def whole(self, name: str) -> NDArray[Any]:
-        """All rows of one column."""
         return np.asarray(self.reader([name])(slice(0, self.n_rows))[name])
 
     def _array(self, name: str, column: Any) -> NDArray[Any]:

@@ -96,7 +96,6 @@ class AgentReader:
         return np.array([bool(given.get(name, False)) for name in self.names]) & acted
 
     def has_masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> bool:
-        """Whether any agent has an action mask."""
         return any(_mask_of(name, observations, infos) is not None for name in self.names)
 
     def masks(self, observations: Mapping[Any, Any], infos: Mapping[Any, Any], alive: Bool) -> Bool:

@@ -162,7 +162,6 @@ class TaskReferences:
 
 
 def _intervals(table: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
-    """The intervals of policies and metrics."""
     return {
         name: {metric: None if each is None else Interval(**each) for metric, each in row.items()}
         for name, row in table.items()

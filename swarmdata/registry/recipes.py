@@ -23,7 +23,7 @@ from swarmdata.registry.tiers import (
     outlines,
 )
 from swarmdata.specs.frozen import Frozen, NonNegative, Positive
-from swarmdata.specs.plain_names import Label, without_version
+from swarmdata.specs.plain_names import Label, Sha256, without_version
 from swarmdata.specs.recipe import PolicySource, Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -34,7 +34,7 @@ class Checkpoint(Frozen):
     """A file in `behavior_policies/checkpoints`."""
 
     file: str
-    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+    sha256: Sha256
     frames: Annotated[int, Field(ge=1)]  # joint steps of training
     policy: Annotated[int, Field(ge=0)]  # index of the independent training run
     side: Label | None = None  # that it plays, in a task of several

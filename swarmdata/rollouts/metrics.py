@@ -130,7 +130,6 @@ def _min_separation(positions: Double, spec: TaskSpec) -> float:
 
 @cache
 def _pairs(n_agents: int) -> tuple[Int, Int]:
-    """All pairs of robots."""
     return np.triu_indices(n_agents, k=1)
 
 

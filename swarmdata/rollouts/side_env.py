@@ -53,7 +53,6 @@ class SideEnv:
         return step_of_side(self._current_step, self.spec.agents)
 
     def close(self) -> None:
-        """Closes the copies."""
         self.whole.close()
 
 

@@ -106,7 +106,8 @@ def decode(text: str | bytes, source: str) -> str:
     return decoded
 
 
-def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The pairs of a mapping in JSON; ValueError if a key is given twice."""
     result = dict(pairs)
     if len(result) != len(pairs):
         twice = next(key for key, n in Counter(key for key, _ in pairs).items() if n > 1)
@@ -138,7 +139,7 @@ def _whole(text: str) -> int:
 
 
 _HOOKS: Any = {
-    "object_pairs_hook": _unique_keys,
+    "object_pairs_hook": unique_keys,
     "parse_constant": finite,
     "parse_float": finite,
     "parse_int": _whole,

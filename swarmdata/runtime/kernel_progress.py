@@ -61,7 +61,6 @@ class KernelProgress:
 
     @contextmanager
     def silent(self) -> Iterator[None]:
-        """Says nothing meanwhile."""
         before, self.tell = self.tell, None
         try:
             yield

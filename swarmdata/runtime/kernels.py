@@ -61,7 +61,6 @@ def kernel(function: Callable[..., Any] | None = None, **options: Any) -> Any:
 
 @cache
 def _warn_uncached() -> None:
-    """Once in a process."""
     _LOG.warning(
         "no folder can be written to keep compiled kernels in, so every process compiles them "
         "anew: set SWARMDATA_CACHE or NUMBA_CACHE_DIR to one that can"

@@ -51,7 +51,6 @@ class ThreadLimit:
         self._set([self._n_threads] * len(self._before))
 
     def __exit__(self, *_: object) -> None:
-        """Restores the numbers of before."""
         self._set(self._before)
 
     def _set(self, numbers: Sequence[int]) -> None:

@@ -37,7 +37,6 @@ class OutputKind:
 
     @property
     def format(self) -> str:
-        """The format that the list names."""
         return f"swarmdata-{self.name.replace(' ', '-')}"
 
 

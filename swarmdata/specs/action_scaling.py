@@ -15,6 +15,7 @@ from swarmdata.specs.spaces import (
     TupleSpace,
     bounds,
     is_continuous,
+    parts_of,
 )
 from swarmdata.types import Double, Float
 
@@ -123,11 +124,8 @@ def _ranges(space: Space, name: str, spec: Spec) -> tuple[range, ...]:
         case DiscreteSpace() | MultiDiscreteSpace() | MultiBinarySpace():
             low, high = bounds(space)
             return tuple(range(int(a), int(b) + 1) for a, b in zip(low, high, strict=True))
-        case TupleSpace():
-            return tuple(each for part in space.spaces for each in _ranges(part, name, spec))
-        case DictSpace():
-            parts = (space.spaces[key] for key in sorted(space.spaces))
-            return tuple(each for part in parts for each in _ranges(part, name, spec))
+        case TupleSpace() | DictSpace():
+            return tuple(each for part in parts_of(space) for each in _ranges(part, name, spec))
     raise SchemaError(
         f"actions of {name} in {spec.task} have a continuous part ({space}) beside choices. "
         "Algorithms learn either continuous actions or choices: wrap the environment so that it "

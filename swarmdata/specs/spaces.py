@@ -85,7 +85,7 @@ def width(space: Space) -> int:
             return len(space.n)
         case MultiBinarySpace():
             return space.n
-    return sum(map(width, _parts(space)))
+    return sum(map(width, parts_of(space)))
 
 
 def is_continuous(space: Space) -> bool:
@@ -102,7 +102,7 @@ def _has_boxes_of(space: Space, dtype: str) -> bool:
     if isinstance(space, BoxSpace):
         return space.dtype.startswith(dtype)
     if isinstance(space, DictSpace | TupleSpace):
-        return width(space) > 0 and all(_has_boxes_of(part, dtype) for part in _parts(space))
+        return width(space) > 0 and all(_has_boxes_of(part, dtype) for part in parts_of(space))
     return False
 
 
@@ -194,23 +194,27 @@ def flatten(space: Space, value: Any, where: str, batch: tuple[int, ...] = ()) -
     return to_float32(array, where).reshape(shape)
 
 
-def unflatten(space: Space, row: Float) -> Any:
-    """Returns the value of a row from `flatten`, maybe padded, in the environment's dtypes."""
+def unflatten(space: Space, rows: NDArray[Any]) -> Any:
+    """Returns the value of a row from `flatten`, maybe padded, in the environment's dtypes.
+
+    Of rows [n, columns], its arrays begin with an axis of n.
+    """
+    batch = rows.shape[:-1]
     match space:
         case DictSpace() | TupleSpace():
-            ends = accumulate(map(width, _parts(space)))
-            pairs = zip(_parts(space), ends, strict=True)
-            values = [unflatten(s, row[end - width(s) : end]) for s, end in pairs]
+            ends = accumulate(map(width, parts_of(space)))
+            pairs = zip(parts_of(space), ends, strict=True)
+            values = [unflatten(s, rows[..., end - width(s) : end]) for s, end in pairs]
             if isinstance(space, TupleSpace):
                 return tuple(values)
             return dict(zip(sorted(space.spaces), values, strict=True))
         case BoxSpace():
-            return row[: width(space)].astype(space.dtype).reshape(space.shape)
+            return rows[..., : width(space)].astype(space.dtype).reshape((*batch, *space.shape))
         case DiscreteSpace():
-            return int(row[0])
+            return rows[..., 0].astype(np.int64) if batch else int(rows[0])
         case MultiDiscreteSpace():
-            return row[: width(space)].astype(np.int64)
-    return row[: width(space)].astype(np.int8)
+            return rows[..., : width(space)].astype(np.int64)
+    return rows[..., : width(space)].astype(np.int8)
 
 
 def bounds(space: Space) -> tuple[Double, Double]:
@@ -224,7 +228,7 @@ def bounds(space: Space) -> tuple[Double, Double]:
             return np.zeros(len(space.n)), np.array(space.n, dtype=np.float64) - 1.0
         case MultiBinarySpace():
             return np.zeros(space.n), np.ones(space.n)
-    pairs = [bounds(part) for part in _parts(space)]
+    pairs = [bounds(part) for part in parts_of(space)]
     lows, highs = zip(*pairs, strict=True) if pairs else ((), ())
     empty = np.zeros(0)
     return np.concatenate([empty, *lows]), np.concatenate([empty, *highs])
@@ -290,7 +294,7 @@ def limits_of(spaces: Sequence[Space]) -> Limits:
 def _whole(space: Space) -> NDArray[np.bool_]:
     """Which columns are of choices or bits, [width(space)]."""
     if isinstance(space, DictSpace | TupleSpace):
-        return np.concatenate([np.zeros(0, np.bool_), *map(_whole, _parts(space))])
+        return np.concatenate([np.zeros(0, np.bool_), *map(_whole, parts_of(space))])
     return np.full(width(space), not isinstance(space, BoxSpace))
 
 
@@ -300,7 +304,7 @@ def _filled(bound: Bound, infinite: float, space: BoxSpace) -> Double:
     return np.broadcast_to(numbers, (width(space),)).copy()
 
 
-def _parts(space: "DictSpace | TupleSpace") -> tuple[Space, ...]:
+def parts_of(space: "DictSpace | TupleSpace") -> tuple[Space, ...]:
     """The spaces inside, in the order of their columns."""
     if isinstance(space, TupleSpace):
         return space.spaces

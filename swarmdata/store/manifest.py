@@ -11,7 +11,7 @@ import math
 import re
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -27,9 +27,9 @@ from swarmdata.errors import (
 )
 from swarmdata.runtime.atomic import is_vacant, write_file
 from swarmdata.runtime.cache_folder import cache_folder
-from swarmdata.runtime.documents import read_document
+from swarmdata.runtime.documents import read_document, unique_keys
 from swarmdata.specs.origins import parse_origin
-from swarmdata.specs.plain_names import Text
+from swarmdata.specs.plain_names import Sha256, Text
 from swarmdata.specs.recipe import Recipe
 from swarmdata.store.arrays.layout import (
     CARD,
@@ -54,7 +54,6 @@ _CHECKSUM = re.compile(rb'"checksum": "([0-9a-f]{64})"')
 _ZEROS = b'"checksum": "' + b"0" * 64 + b'"'
 
 Size = Annotated[int, Field(ge=0)]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 ArrayName = Annotated[str, Field(pattern=r"^(episodes/)?[a-z_]+$")]
 Xxh3 = Annotated[str, Field(pattern=r"^[0-9a-f]{16}$")]
 
@@ -88,7 +87,6 @@ class ArrayEntry(_Section):
 
     @property
     def shard(self) -> Shard:
-        """The byte layout of the array's files."""
         return Shard(self.dtype, self.shape, self.chunk_rows, self.shard_rows)
 
     @model_validator(mode="after")
@@ -228,7 +226,7 @@ def parse_manifest(content: bytes, path: Path) -> Manifest:
     """Checks a manifest's content; `path` is named in errors, the same as `read_manifest`'s."""
     folder = path.parent
     try:
-        data = json.loads(content, object_pairs_hook=_unique_keys)
+        data = json.loads(content, object_pairs_hook=unique_keys)
     except (ValueError, RecursionError) as error:
         raise ManifestError(f"{path} is not valid JSON: {error}. {repair_hint(folder)}") from error
     found = _CHECKSUM.findall(content)
@@ -313,13 +311,6 @@ def _record(manifest: Manifest) -> Path:
 
 def _changed(path: Path) -> ChecksumError:
     return ChecksumError(f"{path} was changed after it was written. {repair_hint(path.parent)}")
-
-
-def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    result = dict(pairs)
-    if len(result) != len(pairs):
-        raise ValueError("a key is given twice")
-    return result
 
 
 def logical_header(name: str, dtype: str, shape: tuple[int, ...]) -> bytes:

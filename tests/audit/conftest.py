@@ -14,17 +14,17 @@ from swarmdata.building.part_maker import make_part
 from swarmdata.cards.card import write_card
 from swarmdata.registry.components import make_env
 from swarmdata.registry.presets import preset
-from swarmdata.specs.origins import Origin, RecordedAgent, RecordedSpec
+from swarmdata.specs.origins import Origin
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import EpisodeTable, open_store
 from swarmdata.store.arrays.layout import ALL_FIELDS, DType
-from swarmdata.store.assembly import assemble, write_dataset
-from swarmdata.store.episode_order import merge_order
-from swarmdata.store.parts import write_part
-from swarmdata.types import END_REASONS, Episode
+from swarmdata.store.assembly import write_dataset
+from swarmdata.types import END_REASONS
+from tests.interop import conftest as recordings
+from tests.interop.conftest import recorded_episode
+from tests.support.made_episodes import stored
 
 Arrays = dict[str, NDArray[Any]]
 Flaw = Callable[[Arrays, EpisodeTable], Mapping[str, Any] | None]
@@ -47,7 +47,8 @@ def timeouts_as(reason: str) -> Flaw:
     def flaw(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
         arrays["terminations"] |= arrays["truncations"]
         arrays["truncations"][:] = False
-        return {"end_reason": np.full(len(table), END_REASONS.index(reason), np.uint8)}
+        ends = np.full(len(table), END_REASONS.index(reason), np.uint8)
+        return {"end_reason": ends, "success": np.zeros_like(table.success)}
 
     return flaw
 
@@ -139,76 +140,21 @@ def clean(tmp_path_factory: pytest.TempPathFactory) -> Path:
         n_steps=40 * 20,
         part_episodes=24,
     )
-    env, parts, lengths = make_env(recipe.spec, 24), {}, []
-    for policy in range(2):
-        episodes = make_part(recipe, policy, 0, env)
-        parts[policy] = [folder.parent / f"part-{policy}"]
-        write_part(parts[policy][0], episodes)
-        lengths.append([len(episode) for episode in episodes])
-    assemble(folder, recipe=recipe, parts=parts, order=merge_order(recipe, lengths).order)
+    env = make_env(recipe.spec, 24)
+    stored(folder, recipe, [make_part(recipe, policy, 0, env) for policy in range(2)])
     write_card(folder)
     return folder
 
 
-AGENTS = (
-    RecordedAgent(
-        name="adversary_0", observation=BoxSpace(shape=(5,), dtype="float32"),
-        action=DiscreteSpace(n=5),
-    ),
-    RecordedAgent(
-        name="agent_0", observation=BoxSpace(shape=(3,), dtype="float32"),
-        action=BoxSpace(shape=(2,), dtype="float32", low=-2.0, high=0.5),
-    ),
-)  # fmt: skip
-RECORDING = Recording(
-    id="tag_v3-mine-v0",
-    spec=RecordedSpec(
-        task="tag_v3", agents=AGENTS, state_size=3, state_from="environment", horizon=12
-    ),
-    policies=(PolicySource(label="mine", name="external"),),
-    source="recorder",
+RECORDING = recordings.RECORDING.model_copy(
+    update={"spec": recordings.SPEC.model_copy(update={"horizon": 12})}
 )
 
 
-def recorded_episode(seed: int) -> Episode:
-    """A walk at random; the first agent leaves half way in every third episode."""
-    rng = np.random.default_rng(seed)
-    length = 12 if seed % 2 else int(rng.integers(5, 12))
-    ends, cut = np.arange(length) == length - 1, length == 12
-    walk = rng.standard_normal((length + 1, 2, 5), dtype=np.float32).cumsum(axis=0)
-    actions = np.zeros((length, 2, 2), dtype=np.float32)
-    actions[:, 0, 0] = rng.integers(0, 5, length)
-    actions[:, 1] = rng.uniform(-2, 0.5, (length, 2))
-    rewards = rng.standard_normal((length, 2), dtype=np.float32)
-    leaves = (np.arange(length) == length // 2) & (seed % 3 == 0)
-    alive = np.ones((length + 1, 2), dtype=np.bool_)
-    alive[1:, 0] = ~np.logical_or.accumulate(leaves)
-    walk[1:][~alive[:-1, 0], 0] = 0.0  # the row after an end is what was seen last
-    actions[~alive[:-1, 0], 0], rewards[~alive[:-1, 0], 0] = 0.0, 0.0
-    walk[..., 1, 3:] = 0.0  # the second agent sees three numbers
-    masks = np.ones((length + 1, 2, 5), dtype=np.bool_)
-    still = alive[:-1] & ends[:, None]
-    nothing = np.zeros((length, 2, 0), dtype=np.uint8)
-    return Episode(
-        observations=walk, states=walk[:, 1, :3].copy(), actions=actions,
-        log_probs=np.zeros((length, 0), np.float32), rewards=rewards,
-        terminations=ends & (not cut), truncations=ends & cut, events=nothing,
-        sent=np.zeros((length + 1, 2, 0), np.float32),
-        delivered=np.zeros((length + 1, 2, 0), np.bool_),
-        ages=np.zeros((length + 1, 2, 0), np.uint8), layout=np.zeros((0, 8), np.float32),
-        seed=seed, policy=0, end_reason=END_REASONS.index("horizon" if cut else "ended"),
-        alive=alive, action_masks=masks,
-        agent_terminations=np.stack([leaves, leaves & False], 1) | (still & (not cut)),
-        agent_truncations=still & cut,
-    )  # fmt: skip
-
-
 def write_recording(folder: Path, seeds: Sequence[int]) -> Path:
-    """Stores the recorded episodes of these seeds."""
-    write_part(folder.parent / "part", [recorded_episode(seed) for seed in seeds])
-    order = [(0, k) for k in range(len(seeds))]
-    assemble(folder, recipe=RECORDING, parts={0: [folder.parent / "part"]}, order=order)
-    return folder
+    """Stores recorded episodes of these seeds; the odd ones are cut by the horizon."""
+    episodes = [recorded_episode(12 if seed % 2 else 5 + seed % 7, seed) for seed in seeds]
+    return stored(folder, RECORDING, [episodes]).path
 
 
 @pytest.fixture(scope="session")
@@ -220,7 +166,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def long_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same, of episodes that are all cut by the horizon."""
-    return write_recording(tmp_path_factory.mktemp("audit") / "long", range(1, 81, 2))
+    return write_recording(tmp_path_factory.mktemp("audit") / "long", range(1, 161, 4))
 
 
 @pytest.fixture(scope="session")

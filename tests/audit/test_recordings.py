@@ -47,7 +47,7 @@ FLAWS: dict[str, tuple[Flaw, str, str]] = {
     "minus infinity": (minus_infinity, "finite", "of states hold NaN or infinities"),
     "padding": (padded_with_ones, "padding", "observations of agent_0 have values in the padding"),
     "half a choice": (put("actions", 0, 7, (0, 0), 2.5), "bounds", "action 2.5 of agent 0"),
-    "other bounds": (put("actions", 0, 7, (1, 1), 0.75), "bounds", "a value from -2 to 0.5"),
+    "other bounds": (put("actions", 0, 7, (1, 1), 1.75), "bounds", "a value from -1 to 1.5"),
     "forbidden": (forbidden_choice, "masks", "adversary_0 chose what its mask forbids in 1 steps"),
     "acts": (gone("actions", 1), "leaving", "actions of agents that are gone"),
     "paid": (gone("rewards", 1), "leaving", "rewards of agents that are gone"),

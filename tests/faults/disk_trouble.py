@@ -14,7 +14,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from swarmdata.building import build as build_module
@@ -27,14 +26,13 @@ from swarmdata.hub.catalog import request
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.hub.catalog.repair import examine
 from swarmdata.interop.export import export_dataset
-from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.recipes import find_recipe
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import read_manifest, write_file
 from swarmdata.store.assembly import assemble
 from swarmdata.testing.synthetic import make_dataset
 from tests.support.interpreter import python
+from tests.support.made_episodes import play
 from tests.support.namespaces import CLONE_NEWNS, enter
 from tests.support.one_process import OneProcessCrew, use_one_process
 from tests.support.tiny import TINY, make_tiny
@@ -124,16 +122,15 @@ def exports(folder: Path, *names: str) -> dict[str, Any]:
     """Files that we make for others, on a disk that is too small and then on a larger one."""
     make_dataset(folder.parent / "source", [[100] * 60])
     dataset = Dataset.open(folder.parent / "source")
-    (episode,) = rollout(
-        make_env(TaskSpec(horizon=20)), make_policy("random", TaskSpec()), np.zeros(1, np.uint64)
-    )
+    spec = TaskSpec(horizon=20)
+    (episode,) = play(spec, 1, "random")
     makers: dict[str, Callable[[Path], object]] = {
         name: lambda out, name=name: export_dataset(dataset, out / "x", format=name)  # type: ignore[misc]
         for name in names
         if find_spec(FORMATS[name])
     }
     makers["card"] = lambda out: publish_card(folder.parent / "tiny", out)
-    makers["clip"] = lambda out: write_clip(episode, TaskSpec(horizon=20), out / "x.gif")
+    makers["clip"] = lambda out: write_clip(episode, spec, out / "x.gif")
     make_tiny(folder.parent / "tiny")
     mount(folder, "size=20m")
     return {name: _on_a_full_disk(folder / name, make) for name, make in makers.items()}

@@ -9,11 +9,11 @@ from swarmdata.envs.physics.episode_bodies import payload_rows
 from swarmdata.envs.physics.impacts import CREEP, DEEPEST_OVERLAP
 from swarmdata.envs.physics.public_backend import PublicBackend
 from swarmdata.numerics.geometry import clearance
-from swarmdata.registry.components import make_env, make_policy, make_task
+from swarmdata.registry.components import make_task
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.state_layout import N_COLUMNS, robots_of
 from swarmdata.types import Double, Episode, Float
+from tests.support.made_episodes import play
 
 SPEC = preset("coop_nav")
 N = SPEC.n_agents
@@ -21,8 +21,7 @@ N = SPEC.n_agents
 
 @pytest.fixture(scope="module")
 def episodes() -> list[Episode]:
-    seeds = np.arange(16, dtype=np.uint64)
-    return list(rollout(make_env(SPEC, 16), make_policy("random", SPEC), seeds))
+    return play(SPEC, 16, "random")
 
 
 def depths(episode: Episode) -> Double:

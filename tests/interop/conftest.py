@@ -15,11 +15,10 @@ from swarmdata.specs.origins import RecordedAgent, RecordedSpec
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
-from swarmdata.store.assembly import assemble
-from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_dataset, make_episode
 from swarmdata.types import END_REASONS, Episode
 from tests.record.worlds import Seeing, record
+from tests.support.made_episodes import stored
 
 AGENTS = (
     RecordedAgent(
@@ -28,7 +27,7 @@ AGENTS = (
     ),
     RecordedAgent(
         name="agent_0", observation=BoxSpace(shape=(3,), dtype="float64"),
-        action=BoxSpace(shape=(2,), dtype="float32", low=-1.0, high=1.0),
+        action=BoxSpace(shape=(2,), dtype="float32", low=-1.0, high=1.5),
     ),
 )  # fmt: skip
 SPEC = RecordedSpec(task="tag_v3", agents=AGENTS, state_size=3, state_from="environment")
@@ -50,10 +49,10 @@ def recorded_episode(length: int, seed: int) -> Episode:
     observations, actions = episode.observations.copy(), episode.actions.copy()
     observations[:, 1, 3:] = 0
     observations[:, 0] *= alive[:, :1]
-    actions[:, 0, 0] = (steps + seed) % 5 * alive[:-1, 0]
+    actions[:, 0, 0] = (steps + seed) % 4 * alive[:-1, 0]
     actions[:, 0, 1] = 0
     masks = np.ones((length + 1, 2, 5), dtype=np.bool_)
-    masks[:, 0, seed % 5] = False
+    masks[:, 0, 4] = False
     return replace(
         episode,
         observations=observations,
@@ -76,15 +75,8 @@ def recorded_episodes(lengths: Iterable[int]) -> list[Episode]:
 
 
 def write_recording(folder: Path, episodes: Sequence[Episode]) -> Dataset:
-    write_part(folder / "part", episodes)
-    assemble(
-        folder / "recorded",
-        recipe=RECORDING,
-        parts={0: [folder / "part"]},
-        order=[(0, k) for k in range(len(episodes))],
-        splits=np.array([k % 3 for k in range(len(episodes))], dtype=np.uint8),
-    )
-    return Dataset.open(folder / "recorded")
+    splits = np.arange(len(episodes), dtype=np.uint8) % 3
+    return stored(folder / "recorded", RECORDING, [episodes], splits)
 
 
 @pytest.fixture(scope="session")

@@ -8,19 +8,16 @@ import pytest
 from swarmdata.envs.world.pettingzoo import ParallelWorld
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.record import Recorder
-from swarmdata.registry.components import make_env, make_policy
 from swarmdata.registry.presets import preset
-from swarmdata.rollouts.rollout import rollout
 from swarmdata.specs.model_choice import with_models
 from swarmdata.types import STATE_FIELDS, STEP_FIELDS
+from tests.support.made_episodes import play
 
 SPEC = with_models(preset("coop_nav"), "lidar", "lossy-30")
 
 
 def test_it_has_the_same_bits_with_the_same_seeds_and_actions(tmp_path: Path) -> None:
-    seeds = np.arange(40, 46, dtype=np.uint64)
-    policy = make_policy("random", SPEC)
-    generated = list(rollout(make_env(SPEC, 3), policy, seeds))
+    generated = play(SPEC, 6, "random", 40)
     with Recorder(ParallelWorld(SPEC), id="coop_nav-mine-v0", path=tmp_path / "ds") as recorder:
         for episode in generated:
             recorder.reset(seed=episode.seed)

@@ -14,7 +14,8 @@ from swarmdata.rollouts import metrics
 from swarmdata.rollouts.metrics import episode_metrics, metrics_of
 from swarmdata.specs.state_layout import N_COLUMNS, TX
 from swarmdata.specs.task_spec import Role, TaskSpec
-from swarmdata.types import END_REASONS, Episode, no_messages
+from swarmdata.types import END_REASONS, Episode
+from tests.support.made_episodes import made_episode
 
 SPEC = TaskSpec(team=(Role(count=2),))  # radius 0.12 m, goal radius 0.15 m, dt 0.1 s
 TASK = make_task(SPEC)
@@ -27,23 +28,9 @@ def episode(**changes: Any) -> Episode:
     states[:, 1, :2] = [0.6, 1.3]
     states[:, 0, TX:] = [0.6, 0.9]
     states[:, 1, TX:] = [0.6, 1.46]
-    events = np.zeros((3, 2, 4), np.uint8)
-    fields: dict[str, Any] = {
-        "observations": np.zeros((4, 2, 1), np.float32),
-        "states": states.reshape(4, -1),
-        "actions": np.zeros((3, 2, 2), np.float32),
-        "log_probs": np.zeros((3, 2), np.float32),
-        "rewards": np.array([[1, 2], [3, 4], [5, 7]], np.float32),
-        "terminations": np.array([False, False, True]),
-        "truncations": np.zeros(3, np.bool_),
-        "events": events,
-        **no_messages(4, 2),
-        "layout": np.zeros((0, 8), np.float32),
-        "seed": 1,
-        "policy": 0,
-        "end_reason": END_REASONS.index("success"),
-    }
-    return Episode(**{**fields, **changes})
+    seen, actions, rewards = np.zeros((4, 2, 1)), np.zeros((3, 2, 2)), [[1, 2], [3, 4], [5, 7]]
+    made = made_episode(seen, states.reshape(4, -1), actions, rewards, ends=True, seed=1)
+    return replace(made, **changes)
 
 
 def events(*entries: tuple[int, int, int, int]) -> Any:

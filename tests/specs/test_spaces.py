@@ -1,5 +1,7 @@
 """Spaces: rows are as wide as they say, and values come back from them."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from gymnasium.spaces import MultiDiscrete, Text
@@ -22,7 +24,6 @@ from swarmdata.specs.spaces import (
     unflatten,
     width,
 )
-from tests.interop.conversion.test_dataset_facts import Spaces
 
 leaves = st.one_of(
     st.builds(
@@ -45,6 +46,28 @@ spaces = st.recursive(
     max_leaves=5,
 )
 
+Counts = st.integers(1, 4)
+Leaves: st.SearchStrategy[Space] = st.one_of(
+    st.builds(
+        BoxSpace,
+        shape=st.lists(st.integers(1, 3), max_size=2).map(tuple),
+        dtype=st.sampled_from(["float32", "float64"]),
+        low=st.sampled_from([None, -1.0]),
+        high=st.sampled_from([None, 2.0]),
+    ),
+    st.builds(DiscreteSpace, n=Counts, start=st.integers(-2, 2)),
+    st.builds(MultiDiscreteSpace, n=st.lists(Counts, min_size=1, max_size=3).map(tuple)),
+    st.builds(MultiBinarySpace, n=Counts),
+)
+Spaces: st.SearchStrategy[Space] = st.recursive(
+    Leaves,
+    lambda inner: st.one_of(
+        st.builds(DictSpace, spaces=st.dictionaries(st.sampled_from("bac"), inner, min_size=1)),
+        st.builds(TupleSpace, spaces=st.lists(inner, min_size=1, max_size=3).map(tuple)),
+    ),
+    max_leaves=3,
+)
+
 
 @given(spaces, st.integers(0, 99))
 def test_samples_of_the_peer_come_back_exactly(space: Space, seed: int) -> None:
@@ -58,6 +81,23 @@ def test_samples_of_the_peer_come_back_exactly(space: Space, seed: int) -> None:
     again = unflatten(space, np.concatenate([row, np.zeros(2, np.float32)]))  # padded
     np.testing.assert_array_equal(flatten(space, again, "value"), row)
     assert again in peer
+
+
+@given(space=Spaces, seed=st.integers(0, 9))
+def test_rows_of_several_values_come_back_as_each_does(space: Space, seed: int) -> None:
+    peer = to_gymnasium(space)
+    peer.seed(seed)
+    rows = np.stack([flatten(space, peer.sample(), "sample") for _ in range(3)])
+    values = unflatten(space, np.concatenate([rows, np.zeros((3, 1), np.float32)], 1))  # padded
+    np.testing.assert_array_equal(flatten(space, values, "x", (3,)), rows)
+
+    def at(value: Any, k: int) -> Any:
+        if isinstance(value, dict):
+            return {key: at(each, k) for key, each in value.items()}
+        return tuple(at(e, k) for e in value) if isinstance(value, tuple) else value[k]
+
+    for k, row in enumerate(rows):
+        np.testing.assert_equal(at(values, k), unflatten(space, row))
 
 
 def test_a_wrong_value_is_named() -> None:
@@ -90,3 +130,13 @@ def test_what_has_no_fixed_size_is_refused() -> None:
         space_of(Text(3), "action of a")
     with pytest.raises(SpecError, match="must start at 0"):
         space_of(MultiDiscrete([2, 2], start=[1, 0]), "action of a")
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    box = BoxSpace(shape=(2,), dtype="float32")
+    with pytest.raises(SchemaError, match=r"x has shape \(3, 3\), expected 2 numbers in each of 3"):
+        flatten(box, np.zeros((3, 3)), "x", (3,))
+    with pytest.raises(SchemaError, match="expected a mapping"):
+        flatten(DictSpace(spaces={"a": box}), np.zeros((3, 2)), "x", (3,))
+    with pytest.raises(SchemaError, match=r"above 16777216.*: 33554432 at \[1\], expected smaller"):
+        flatten(DiscreteSpace(n=5), np.array([1, 1 << 25]), "x", (2,))

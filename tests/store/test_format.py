@@ -16,7 +16,6 @@ from swarmdata.store.assembly import assemble
 from swarmdata.store.damage import logical_digest
 from swarmdata.store.episode_order import merge_order
 from swarmdata.store.manifest import FileEntry
-from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import (
     SPEC,
     make_dataset,
@@ -25,6 +24,7 @@ from swarmdata.testing.synthetic import (
     make_streams,
     write_streams,
 )
+from tests.support.made_episodes import stored
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6], [5, 5, 1, 8, 1, 1, 3, 2]]
 
@@ -87,11 +87,8 @@ def test_digest_depends_on_every_value(tmp_path: Path) -> None:
 
 def test_layouts_without_obstacles(tmp_path: Path) -> None:
     episodes = [make_episode(3, seed=i, n_obstacles=0) for i in range(5)]
-    write_part(tmp_path / "part", episodes)
     spec = SPEC.with_updates(obstacles=Obstacles(circles=0, boxes=0, corners=0, pockets=0))
-    recipe = make_recipe(15, spec=spec)
-    order = [(0, i) for i in range(5)]
-    assemble(tmp_path / "ds", recipe=recipe, parts={0: [tmp_path / "part"]}, order=order)
+    stored(tmp_path / "ds", make_recipe(15, spec=spec), [episodes])
     assert open_store(tmp_path / "ds", "full").table.layouts.shape == (5, 0, 8)
     group = zarr.open_group(tmp_path / "ds" / "data.zarr", mode="r")
     layouts = group["episodes/layouts"]

@@ -13,8 +13,7 @@ from swarmdata.runtime.own_components import import_component
 from swarmdata.specs.origins import ORIGIN_KINDS
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.store.arrays.layout import DATA
-from swarmdata.store.assembly import assemble
-from swarmdata.store.parts import write_part
+from tests.support.made_episodes import stored
 from tests.support.own_task import make_thrifty
 from tests.support.tiny import TINY, flip
 
@@ -25,13 +24,8 @@ def recorded(tiny: Path, out: Path) -> Path:
     origin = Recording(
         id="coop_nav-recorded-v0", spec=TINY.spec, policies=TINY.policies, source="recorder"
     )
-    parts = {}
-    for policy in range(2):
-        parts[policy] = [out.parent / f"part-{policy}"]
-        write_part(parts[policy][0], [each for each in dataset if each.policy == policy])
-    lengths = [(p, k) for p in range(2) for k in range(int((dataset.episodes.policy == p).sum()))]
-    assemble(out, recipe=origin, parts=parts, order=lengths)
-    return out
+    streams = [[each for each in dataset if each.policy == policy] for policy in range(2)]
+    return stored(out, origin, streams).path
 
 
 def advice(folder: Path) -> str:

@@ -10,6 +10,7 @@ import numpy as np
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.registry.components import make_env, make_policy
 from swarmdata.rollouts.rollout import rollout
+from swarmdata.specs.origins import Origin
 from swarmdata.specs.recipe import PolicySource, Recipe, Splits
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.assembly import assemble
@@ -58,11 +59,18 @@ def made_episode(
     )
 
 
-def stored(folder: Path, recipe: Recipe, streams: Sequence[Sequence[Episode]]) -> Dataset:
-    """Writes the dataset of a recipe whose policies made these streams of episodes."""
+def stored(
+    folder: Path, origin: Origin, streams: Sequence[Sequence[Episode]], splits: Any = None
+) -> Dataset:
+    """Writes the dataset of a recipe whose policies made these streams of episodes.
+
+    Of another origin, it has all of them, one stream after the other.
+    """
     parts = write_streams(folder.parent / f"{folder.name}.parts", streams)
-    order = merge_order(recipe, [[len(each) for each in stream] for stream in streams]).order
-    assemble(folder, recipe=recipe, parts=parts, order=order)
+    order: Any = [(p, k) for p, stream in enumerate(streams) for k in range(len(stream))]
+    if isinstance(origin, Recipe):
+        order = merge_order(origin, [list(map(len, stream)) for stream in streams]).order
+    assemble(folder, recipe=origin, parts=parts, order=order, splits=splits)
     return Dataset.open(folder)
 
 

@@ -50,7 +50,6 @@ class Request:
 
     @property
     def recipe(self) -> Recipe | None:
-        """The recipe that makes it, if the package has one."""
         return None if self.make_recipe is None else self.make_recipe()
 
 

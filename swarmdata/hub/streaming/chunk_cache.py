@@ -52,7 +52,6 @@ class ChunkCache:
         write_file(path, content)
 
     def forget(self, key: str) -> None:
-        """Deletes a chunk."""
         self._path(key).unlink(missing_ok=True)
 
     def _path(self, key: str) -> Path:

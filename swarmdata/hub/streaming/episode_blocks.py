@@ -46,7 +46,6 @@ class EpisodeBlocks:
 
     @property
     def manifest(self) -> Manifest:
-        """Of the dataset."""
         return self.source.manifest
 
     @cached_property
@@ -67,7 +66,6 @@ class EpisodeBlocks:
         return steps
 
     def block_of(self, episodes: Int | int) -> Any:
-        """The block of each episode."""
         return np.searchsorted(self.firsts, episodes, side="right") - 1
 
     def rows(self, number: int, name: str) -> NDArray[Any]:

@@ -33,7 +33,6 @@ class RemoteArrays:
         return _reopened, (remote.address, self.release, self.manifest, self.cache)
 
     def dtype(self, name: str) -> np.dtype[Any]:
-        """The dtype of an array."""
         return np.dtype(self.manifest.plan[name].shard.dtype)
 
     def rows(self, name: str, first: int, last: int) -> NDArray[Any]:
@@ -89,7 +88,6 @@ class RemoteArrays:
 
 
 def _reopened(address: str, *parts: Any) -> RemoteArrays:
-    """The arrays in another process."""
     remote = open_remote(address)
     assert isinstance(remote, RangeReader)  # as it was there
     return RemoteArrays(remote, *parts)

@@ -221,7 +221,6 @@ class WindowSampler(RowSampler):
 
 
 def _resumed(view: SampledView, options: Mapping[str, Any], n_drawn: int) -> WindowSampler:
-    """The sampler in another process."""
     sampler = view.sampler(**options)
     assert isinstance(sampler, WindowSampler)  # as it was there
     sampler.load_state_dict({**sampler.identity(), "n_drawn": n_drawn})

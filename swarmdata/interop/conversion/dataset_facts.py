@@ -1,8 +1,7 @@
-"""What a dataset holds, for converters: names, agents, rows in blocks and as values of spaces."""
+"""What a dataset holds, for converters: names, agents, rows in blocks."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping
-from itertools import accumulate
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,21 +10,11 @@ from numpy.typing import NDArray
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.specs.origins import RecordedAgent, Spec
-from swarmdata.specs.spaces import (
-    BoxSpace,
-    DictSpace,
-    DiscreteSpace,
-    MultiDiscreteSpace,
-    Space,
-    TupleSpace,
-    width,
-)
 from swarmdata.types import (
     OPTIONAL_STATE_FIELDS,
     OPTIONAL_STEP_FIELDS,
     STATE_FIELDS,
     STEP_FIELDS,
-    Float,
 )
 
 STATE_ARRAYS = (*STATE_FIELDS, *OPTIONAL_STATE_FIELDS)  # arrays of an episode with T + 1 rows
@@ -106,24 +95,3 @@ def recorded_agents(spec: Spec, n_columns: int) -> tuple[RecordedAgent, ...]:
     observed = spec.observation_spaces(n_columns)
     facts = zip(spec.agent_names, observed, spec.action_spaces, strict=True)
     return tuple(RecordedAgent(name=n, observation=o, action=a) for n, o, a in facts)
-
-
-def split_rows(space: Space, rows: Float) -> Any:
-    """The values in rows [n, at least width(space)], in the structure and dtypes of their space."""
-    n = len(rows)
-    match space:
-        case DictSpace():
-            keys = sorted(space.spaces)
-            values = split_rows(TupleSpace(spaces=tuple(space.spaces[k] for k in keys)), rows)
-            return dict(zip(keys, values, strict=True))
-        case TupleSpace():
-            ends = accumulate(width(part) for part in space.spaces)
-            parts = zip(space.spaces, ends, strict=True)
-            return tuple(split_rows(part, rows[:, end - width(part) : end]) for part, end in parts)
-        case BoxSpace():
-            return rows[:, : width(space)].astype(space.dtype).reshape(n, *space.shape)
-        case DiscreteSpace():
-            return rows[:, 0].astype(np.int64)
-        case MultiDiscreteSpace():
-            return rows[:, : width(space)].astype(np.int64)
-    return rows[:, : width(space)].astype(np.int8)

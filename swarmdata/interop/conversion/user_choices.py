@@ -29,7 +29,6 @@ class Choices:
     agents: tuple[str, ...] | None = None  # names, in order; by default `agent_0`, `agent_1`, ...
 
     def __post_init__(self) -> None:
-        """Checks the ranges."""
         problems = []
         if self.time_limit is not None and self.time_limit < 0:
             problems.append(f"time_limit is {self.time_limit}, expected 0 (none) or more")

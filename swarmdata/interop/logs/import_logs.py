@@ -1,7 +1,7 @@
 """Makes a dataset of the logs of robots."""
 
 import logging
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -208,7 +208,8 @@ def _read(
     logs.check_all_used()
     grid = make_grid(*span_of(signals), log_map.dt)
     tracks = [make_track(each, log_map, grid) for each in signals]
-    _warn(doubts(signals, tracks, log_map.dt))
+    for doubt in doubts(signals, tracks, log_map.dt):
+        _LOG.warning("The logs may not be what the map says: %s.", doubt)
     cuts = log_map if task is None else _within_horizon(log_map, task)
     windows, counts = find_windows(tracks, markers, grid, cuts)
     counts += reader.counts
@@ -235,11 +236,6 @@ def _check_any(episodes: Sequence[Episode], tracks: Sequence[RobotTrack], log_ma
             + f". A pose or command is unknown where samples are more than {log_map.max_gap:g} s "
             "apart (`max_gap`)."
         )
-
-
-def _warn(found: Iterable[str]) -> None:
-    for doubt in found:
-        _LOG.warning("The logs may not be what the map says: %s.", doubt)
 
 
 def _within_horizon(log_map: LogMap, task: TaskSpec) -> LogMap:

@@ -109,7 +109,6 @@ class LogTable:
 
     @property
     def n_rows(self) -> int:
-        """Number of rows."""
         return len(next(iter(self.cells.values())))
 
     def unused(self, ignored: Sequence[str]) -> list[str]:

@@ -198,7 +198,6 @@ class _Rows:
             yield slot
 
     def texts(self, column: str) -> list[str]:
-        """A column as text."""
         cells = self.table.texts(column)
         return [cells[k] for k in np.flatnonzero(self._chosen)]
 

@@ -37,10 +37,6 @@ Finite = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
 ClockOffset = Annotated[float, Field(ge=-1e9, le=1e9)]
 
 
-def _column_alone(value: Any) -> Any:
-    return {"column": value} if isinstance(value, str) else value
-
-
 class ColumnOf(Frozen):
     """One column of a table, or one field of a message such as `pose.position.x`."""
 
@@ -60,7 +56,9 @@ class ColumnOf(Frozen):
         return self
 
 
-ColumnOrName = Annotated[ColumnOf, BeforeValidator(_column_alone)]
+ColumnOrName = Annotated[
+    ColumnOf, BeforeValidator(lambda given: {"column": given} if isinstance(given, str) else given)
+]
 """A column, of which the name alone may be given."""
 
 

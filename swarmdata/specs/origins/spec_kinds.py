@@ -97,7 +97,6 @@ class SideSpec(Frozen):
 
     @property
     def robots(self) -> tuple[Robot, ...]:
-        """Those of the side, in agent order."""
         return tuple(self.whole.robots[i] for i in self.agents.agents)
 
     @property

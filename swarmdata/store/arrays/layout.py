@@ -264,7 +264,6 @@ class Shard:
         return self.data_of(shard) + 16 * self.shard_chunks + 4
 
     def index_of(self, shard: int = 0) -> bytes:
-        """The shard index at the end of a file."""
         return shard_index(len(self.chunks_of(shard)), self.chunk_bytes, self.shard_chunks)
 
 

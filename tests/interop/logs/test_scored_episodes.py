@@ -18,6 +18,7 @@ from swarmdata.specs.origins.log_origin import ImportedLogs
 from swarmdata.specs.state_layout import TX, X, Y, robots_of
 from swarmdata.types import EVENTS, Episode
 from tests.interop.logs.logged_team import write_csv
+from tests.support.made_episodes import play
 
 ID = "coop_nav-hall-v0"
 N = 3
@@ -32,12 +33,6 @@ def task(dynamics: str = "holonomic", **changes: Any) -> swarmdata.TaskSpec:
         "horizon": 80,
     }
     return swarmdata.TaskSpec.parse({**content, **changes})
-
-
-def recorded(spec: swarmdata.TaskSpec, policy: str, n: int = 4) -> list[Episode]:
-    env = swarmdata.make_env(spec, n)
-    seeds = np.arange(n, dtype=np.uint64)
-    return list(swarmdata.rollout(env, swarmdata.make_policy(policy, spec), seeds))
 
 
 def write_logs(folder: Path, spec: swarmdata.TaskSpec, episodes: list[Episode]) -> list[Path]:
@@ -104,7 +99,7 @@ def make(folder: Path, logs: list[Path], spec: swarmdata.TaskSpec, **changes: An
 @pytest.mark.parametrize("dynamics", ["holonomic", "unicycle"])
 def test_the_log_of_a_world_is_scored_as_the_world_scored_it(tmp_path: Path, dynamics: str) -> None:
     spec = task(dynamics)
-    played = recorded(spec, "straight")
+    played = play(spec, 4)
     dataset = make(tmp_path, write_logs(tmp_path, spec, played), spec)
     assert audit(dataset.path, progress=False).problems == ()
     assert dataset.spec == spec
@@ -137,7 +132,7 @@ def test_the_log_of_a_world_is_scored_as_the_world_scored_it(tmp_path: Path, dyn
 
 def test_the_same_logs_give_it_again_and_it_is_observed_anew(tmp_path: Path) -> None:
     spec = task()
-    logs = write_logs(tmp_path, spec, recorded(spec, "straight", 3))
+    logs = write_logs(tmp_path, spec, play(spec, 3))
     dataset = make(tmp_path, logs, spec)
     again = remake_logs(
         logs, tmp_path / "again", ImportedLogs.from_file(dataset.path / "recipe.json")
@@ -152,7 +147,7 @@ def test_the_same_logs_give_it_again_and_it_is_observed_anew(tmp_path: Path) -> 
 def test_an_episode_ends_where_the_task_does(tmp_path: Path) -> None:
     """What robots did after all goals were reached is left out."""
     spec = task()
-    played = recorded(spec, "straight", 3)
+    played = play(spec, 3)
     late = spec.with_updates(rules={**spec.rules.model_dump(), "goal_radius": 0.6})
     dataset = make(tmp_path, write_logs(tmp_path, spec, played), late)
     assert dataset.episodes.success.any()
@@ -169,7 +164,7 @@ def test_an_episode_ends_where_the_task_does(tmp_path: Path) -> None:
 def test_goals_are_where_robots_went(tmp_path: Path) -> None:
     """Whatever goals they had: hindsight, in episodes of 3 s."""
     spec = task()
-    logs = write_logs(tmp_path, spec, recorded(spec, "random", 2))
+    logs = write_logs(tmp_path, spec, play(spec, 2, "random"))
     dataset = make(
         tmp_path, logs, spec, each=WITHOUT_GOALS, ignore=["gx", "gy"],
         episodes={"length": 3.1, "goals": "reached", "min_steps": 30,
@@ -195,14 +190,14 @@ def test_goals_that_were_reached_need_a_task_and_no_goals(tmp_path: Path) -> Non
         LogMap.parse(map_of(episodes=reached))
     log_map = LogMap.parse(map_of(each=WITHOUT_GOALS, episodes=reached))
     spec = task()
-    logs = write_logs(tmp_path, spec, recorded(spec, "idle", 1))
+    logs = write_logs(tmp_path, spec, play(spec, 1, "idle"))
     with pytest.raises(SpecError, match="a task that scores the logs, --task"):
         import_logs(logs, tmp_path / "dataset", log_map=log_map, id="hall-goals-v0")
 
 
 def test_commands_have_the_gain_of_their_robots(tmp_path: Path) -> None:
     spec = task()
-    logs = write_logs(tmp_path, spec, recorded(spec, "straight", 1))
+    logs = write_logs(tmp_path, spec, play(spec, 1))
     scaled = [{**part, "scale": 0.5} for part in EACH["command"]["components"]]
     plain = make(tmp_path / "plain", logs, spec)
     command = {**EACH["command"], "components": scaled}
@@ -270,7 +265,7 @@ def test_other_tasks_and_ids_are_refused(tmp_path: Path, task: str, id: str, wor
 
 def test_logs_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     spec = task()
-    logs = write_logs(tmp_path, spec, recorded(spec, "straight", 2))
+    logs = write_logs(tmp_path, spec, play(spec, 2))
     small = spec.with_updates(arena={"width": 3.4, "height": 2.0}, rules={"task": "coop_nav"})
     with pytest.raises(ConversionError, match="outside the task's arena"):
         make(tmp_path, logs, small)

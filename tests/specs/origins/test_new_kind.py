@@ -21,10 +21,9 @@ from swarmdata.specs.origins import ORIGIN_KINDS, Origin, Spec
 from swarmdata.specs.recipe import PolicySource, SplitRule, Splits
 from swarmdata.specs.spaces import BoxSpace, Space
 from swarmdata.store import SPLITS
-from swarmdata.store.assembly import assemble
-from swarmdata.store.parts import write_part
 from swarmdata.testing.synthetic import make_episode
 from swarmdata.types import END_REASONS, Episode
+from tests.support.made_episodes import stored
 
 N_STEPS = 6
 
@@ -107,9 +106,7 @@ SPEC: Spec = LOG.spec
 @pytest.fixture
 def dataset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Dataset:
     monkeypatch.setitem(ORIGIN_KINDS, "robot_log", RobotLog)
-    write_part(tmp_path / "part", [logged(seed) for seed in range(20)])
-    order = [(0, k) for k in range(20)]
-    assemble(tmp_path / "ds", recipe=LOG, parts={0: [tmp_path / "part"]}, order=order)
+    stored(tmp_path / "ds", LOG, [[logged(seed) for seed in range(20)]])
     write_card(tmp_path / "ds")
     return Dataset.open(tmp_path / "ds", verify="full")
 

@@ -7,45 +7,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError
 from swarmdata.specs.origins import parse_origin, task_of
 from swarmdata.specs.origins.edit_origin import Edit, Parent
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import SPLITS
-from swarmdata.store.assembly import assemble
+from swarmdata.store import SPLITS, open_store
 from swarmdata.store.parts import write_part
-from swarmdata.testing.synthetic import make_episode
-from swarmdata.types import END_REASONS, Episode
-from tests.interop.conftest import POLICIES, RECORDING, SPEC
-
-
-def record(length: int, seed: int) -> Episode:
-    """An episode of agents that leave, in an environment without events and messages."""
-    episode = make_episode(length, seed, n_values=0, n_obstacles=0, n_features=5, n_states=3)
-    leaves = np.arange(length) == length // 2
-    alive = np.ones((length + 1, 2), dtype=np.bool_)
-    alive[1:, 0] = ~np.logical_or.accumulate(leaves)
-    return replace(
-        episode,
-        events=episode.events[..., :0],
-        log_probs=episode.log_probs[:, :0],
-        end_reason=END_REASONS.index("ended"),
-        terminations=np.arange(length) == length - 1,
-        truncations=np.zeros(length, dtype=np.bool_),
-        alive=alive,
-        agent_terminations=np.stack([leaves, np.arange(length) == length - 1], 1),
-        agent_truncations=np.zeros((length, 2), dtype=np.bool_),
-    )
+from swarmdata.types import END_REASONS
+from tests.interop.conftest import POLICIES, RECORDING, SPEC, recorded_episodes
+from tests.support.made_episodes import stored
 
 
 def test_a_recording_is_stored_with_what_it_has(tmp_path: Path) -> None:
-    episodes = [record(3 + k % 3, k) for k in range(20)]
-    write_part(tmp_path / "part", episodes)
-    order = [(0, k) for k in range(20)]
-    assemble(tmp_path / "ds", recipe=RECORDING, parts={0: [tmp_path / "part"]}, order=order)
-    dataset = Dataset.open(tmp_path / "ds", verify="full")
+    lengths = [3, 4, 5, 2] * 5
+    episodes = [replace(each, action_masks=None) for each in recorded_episodes(lengths)]
+    dataset = stored(tmp_path / "ds", RECORDING, [episodes])
+    open_store(dataset.path, "full")
     assert dataset.recipe == RECORDING
     assert dataset.spec == SPEC
     assert sorted(np.unique(dataset.episodes.split)) == [0, 1, 2]
@@ -60,26 +38,25 @@ def test_a_recording_is_stored_with_what_it_has(tmp_path: Path) -> None:
 
 
 def test_an_edit_keeps_the_splits_it_is_given(tmp_path: Path) -> None:
-    write_part(tmp_path / "part", [record(4, k) for k in range(3)])
+    streams = [recorded_episodes([4, 4, 4])]
     parent = Parent(id=RECORDING.id, digest="0" * 64, episodes=(0, 5, 7))
     edit = Edit(
         id="tag_v3-few-v0", tier="edit", spec=SPEC, policies=POLICIES, parents=(parent,),
         operation="filter",
     )  # fmt: skip
-    parts, order = {0: [tmp_path / "part"]}, [(0, k) for k in range(3)]
     codes = np.array([2, 0, 1], dtype=np.uint8)
-    assemble(tmp_path / "ds", recipe=edit, parts=parts, order=order, splits=codes)
-    dataset = Dataset.open(tmp_path / "ds")
+    dataset = stored(tmp_path / "ds", edit, streams, codes)
     assert dataset.recipe == edit
     assert [SPLITS[code] for code in dataset.episodes.split] == ["test", "train", "validation"]
     for wrong in (None, codes[:2], codes + np.uint8(1)):
         with pytest.raises(SchemaError, match="expected 3 codes below 3"):
-            assemble(tmp_path / "no", recipe=edit, parts=parts, order=order, splits=wrong)
+            stored(tmp_path / "no", edit, streams, wrong)
 
 
 def test_parts_with_and_without_optional_arrays_do_not_mix(tmp_path: Path) -> None:
+    first, second = recorded_episodes([4, 4])
     with pytest.raises(SchemaError, match="expected one kind"):
-        write_part(tmp_path / "part", [record(4, 0), replace(record(4, 1), alive=None)])
+        write_part(tmp_path / "part", [first, replace(second, alive=None)])
 
 
 def test_an_origin_without_kind_is_a_recipe() -> None:

@@ -14,16 +14,14 @@ from swarmdata.registry.components import TASKS, make_env, reward_terms
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.observation_names import observation_model
-from swarmdata.specs.origins import RecordedAgent, RecordedSpec
-from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import PolicySource, Recipe
-from swarmdata.specs.spaces import BoxSpace, DiscreteSpace
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.attributes import FRAME_MEANINGS, attributes_of
 from swarmdata.store.arrays.layout import FIELDS
 from swarmdata.store.arrays.row_shapes import task_row_shapes
 from swarmdata.types import EVENTS, Step
 from tests.contract.test_tasks import CHANNELS, OBSERVATIONS
+from tests.interop.conftest import RECORDING, SPEC
 from tests.support.pairs import once_each
 
 WITH_COLUMNS = {
@@ -188,35 +186,22 @@ def test_robots_that_differ_have_columns_of_their_own() -> None:
 
 
 def test_of_a_foreign_environment_only_what_is_known_is_said() -> None:
-    agents = tuple(
-        RecordedAgent(
-            name=name,
-            observation=BoxSpace(shape=(size,), dtype="float32", low=0.0),
-            action=DiscreteSpace(n=3),
-        )
-        for name, size in (("wolf", 4), ("sheep", 2))
-    )
-    spec = RecordedSpec(task="hunt_v0", agents=agents, state_size=6, state_from="observations")
-    policies = (PolicySource(label="mine", name="external"),)
-    origin = Recording(id="hunt-mine-v0", spec=spec, policies=policies, source="recorder")
+    spec = SPEC.model_copy(update={"state_size": 8, "state_from": "observations"})
     shapes = {
-        "observations": (5, 2, 4),
-        "actions": (4, 2, 1),
-        "states": (5, 6),
+        "observations": (5, 2, 5),
+        "actions": (4, 2, 2),
+        "states": (5, 8),
         "events": (4, 2, 0),
         "rewards": (4, 2),
         "log_probs": (4, 0),
         "episodes/policy": (1,),
     }
-    described = attributes_of(origin, shapes)
-    spaces = described["observations"]["spaces"]
-    assert {name: space["columns"] for name, space in spaces.items()} == {"wolf": 4, "sheep": 2}
-    assert spaces["sheep"]["space"]["low"] == 0.0
-    assert described["actions"]["spaces"]["wolf"]["space"] == {
-        "kind": "discrete",
-        "n": 3,
-        "start": 0,
-    }
+    described = attributes_of(RECORDING.model_copy(update={"spec": spec}), shapes)
+    columns = {name: s["columns"] for name, s in described["observations"]["spaces"].items()}
+    assert columns == {"adversary_0": 5, "agent_0": 3}
+    actions = {name: s["space"] for name, s in described["actions"]["spaces"].items()}
+    assert actions["adversary_0"] == {"kind": "discrete", "n": 5, "start": 0}
+    assert actions["agent_0"]["low"] == -1.0
     assert described["states"]["details"].startswith("All observations")
     assert described["events"]["empty"]
     assert described["episodes/policy"]["codes"] == ["mine"]

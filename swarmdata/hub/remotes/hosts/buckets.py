@@ -111,7 +111,9 @@ class BucketRemote:
                         self._put(self._object(dataset_id, CLAIM_FILE), "\n".join(claim).encode())
             if not self._create(self._object(dataset_id, MANIFEST), manifest):
                 self._is_published(dataset_id, manifest)
-        self._release_claim(dataset_id)
+        claimed = self._object(dataset_id, CLAIM_FILE)
+        if self._content(claimed) is not None:
+            self._try(f"deleting {claimed}", lambda: self._files.rm_file(claimed))
         self._write_index()
         return Release(dataset_id, f"{self.address}/{dataset_id}")
 
@@ -164,11 +166,6 @@ class BucketRemote:
                 f"push is dead, delete {self.address}/{dataset_id}/{CLAIM_FILE} and push again."
             )
         return lines
-
-    def _release_claim(self, dataset_id: str) -> None:
-        claim = self._object(dataset_id, CLAIM_FILE)
-        if self._content(claim) is not None:
-            self._try(f"deleting {claim}", lambda: self._files.rm_file(claim))
 
     def _create(self, path: str, content: bytes) -> bool:
         """Writes an object where there is none; says whether it did."""

@@ -76,7 +76,6 @@ class Meter:
         self.since, self.n_bytes, self.is_body = self.clock(), 0, True
 
     def count(self, n_bytes: int) -> None:
-        """Adds bytes that have arrived."""
         self.n_bytes += n_bytes
 
     def seconds_left(self) -> float:
