@@ -25,7 +25,12 @@ from swarmdata.interop.conversion.dataset_facts import (
     step_blocks,
     time_keys,
 )
-from swarmdata.interop.conversion.export_note import import_with_note, note_of, parse_note
+from swarmdata.interop.conversion.export_note import (
+    check_team_rewards,
+    import_with_note,
+    note_of,
+    parse_note,
+)
 from swarmdata.interop.conversion.foreign_data import BlockReader, Timeline, import_without_note
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import check_lengths, flags_of, team_shapes
@@ -123,8 +128,11 @@ def _read_exported(file: Any, source: Path) -> ImportedData:
     n = check_lengths({keys[name]: len(each) for name, each in arrays.items()}, str(source))
     n_agents = len(note.spec.agent_names)
 
+    team = numbers(file, "rewards", source)
+
     def rows(window: slice) -> Arrays:
         found = {name: each[window] for name, each in arrays.items()}
+        check_team_rewards(team[window], found["rewards"], f"{source}, from row {window.start}")
         return {
             name: values.reshape(len(values), n_agents, -1) if _is_joint(name) else values
             for name, values in found.items()

@@ -31,7 +31,12 @@ from swarmdata.interop.conversion.dataset_facts import (
     array_names,
     recorded_agents,
 )
-from swarmdata.interop.conversion.export_note import ExportNote, note_of, parse_note
+from swarmdata.interop.conversion.export_note import (
+    ExportNote,
+    check_team_rewards,
+    note_of,
+    parse_note,
+)
 from swarmdata.interop.conversion.foreign_data import unread_note
 from swarmdata.interop.conversion.foreign_file import reading
 from swarmdata.interop.conversion.foreign_rows import admit_rows, flags_of
@@ -330,8 +335,10 @@ def _exported_episodes(
         rows = _joint(data, agents, source, is_team=True)
         kept = {name: key for name, key in _INFO_KEYS.items() if name in TIME_ARRAYS}
         rows |= {name: data.infos[key] for name, key in kept.items() if key in data.infos}
-        rows |= _flags(data, f"{source}, episode {data.id}")
+        where = f"{source}, episode {data.id}"
+        rows |= _flags(data, where)
         _check_rows(source, data, rows)
+        check_team_rewards(data.rewards, rows["rewards"], where)
         yield note.episode(k, rows, data.infos.get("layout"))
 
 

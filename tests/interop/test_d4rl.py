@@ -116,6 +116,23 @@ def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:
     assert not scratch_folder(tmp_path / "back", "conversion").exists()
 
 
+@pytest.mark.parametrize(
+    ("format", "file", "key"),
+    [
+        ("d4rl", "", "rewards"),
+        ("minari", "data/main_data.hdf5", "episode_0/rewards"),
+    ],
+)
+def test_team_rewards_that_were_changed_are_not_ignored(
+    ours: Dataset, tmp_path: Path, format: str, file: str, key: str
+) -> None:
+    path = export_dataset(ours, tmp_path / ours.id, format=format)
+    with h5py.File(path / file, "r+") as opened:
+        opened[key][1] += 1.0
+    with pytest.raises(ConversionError, match="are not the means of `infos/agent_rewards`"):
+        import_dataset(path, tmp_path / "back", format=format, id="tag_v3-back-v0")
+
+
 def test_other_files_are_refused(ours: Dataset, tmp_path: Path, take_in: TakeIn) -> None:
     text = tmp_path / "text.hdf5"
     text.write_text("no")

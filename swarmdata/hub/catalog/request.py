@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
+from swarmdata.hub.offline import offline_variable
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, versions_of
 from swarmdata.runtime.atomic import is_vacant
@@ -26,9 +27,6 @@ if TYPE_CHECKING:  # what is in the cache needs no remote
     from swarmdata.hub.remotes.addresses import Address
     from swarmdata.hub.remotes.interface import Release, Remote
     from swarmdata.specs.origins.edit_origin import Edit
-
-OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
-"""Variables of the environment that keep `load` from asking remotes."""
 
 
 @dataclass(frozen=True)
@@ -172,11 +170,7 @@ def request_of_address(text: str) -> Request:
 
 def is_offline(wanted: bool | None = None) -> bool:
     """Whether no remote is asked: as the caller wants, else as the environment says."""
-    if wanted is not None:
-        return wanted
-    return any(
-        os.environ.get(name, "").upper() in ("1", "ON", "YES", "TRUE") for name in OFFLINE_VARIABLES
-    )
+    return offline_variable() is not None if wanted is None else wanted
 
 
 def _pinned(address: "Address") -> str | None:

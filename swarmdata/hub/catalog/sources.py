@@ -23,7 +23,6 @@ from swarmdata.errors import (
 from swarmdata.hub.catalog.identity import judge
 from swarmdata.hub.catalog.listing import cached_ids
 from swarmdata.hub.catalog.request import (
-    OFFLINE_VARIABLES,
     Found,
     Request,
     cached,
@@ -32,6 +31,7 @@ from swarmdata.hub.catalog.request import (
     request_of_recipe,
     shipped_recipe,
 )
+from swarmdata.hub.offline import OFFLINE_VARIABLES
 from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder

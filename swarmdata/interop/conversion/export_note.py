@@ -5,9 +5,10 @@ An import reads episode boundaries, spaces, splits and policies from it instead 
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from swarmdata.datasets.dataset import Dataset
@@ -140,6 +141,17 @@ def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
             f"the others. Load {note.id}, or import an export of it, and take the side of that."
         )
     return note
+
+
+def check_team_rewards(team: NDArray[Any], rewards: NDArray[Any], where: str) -> None:
+    """Raises ConversionError for team rewards, [n], that are not the means of rewards, [n, N]."""
+    means = rewards.mean(axis=1, dtype=np.float64).astype(np.float32)
+    if not np.array_equal(team.astype(np.float32), means):
+        raise ConversionError(
+            f"{where}: `rewards` were changed after the export, and are not the means of "
+            "`infos/agent_rewards`, which are read. Change those too, or remove the note to "
+            "convert it as foreign data."
+        )
 
 
 def import_with_note(

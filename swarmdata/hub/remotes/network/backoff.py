@@ -1,7 +1,6 @@
 """Backoff, how often and after how long a remote is asked again; and how waiting is interrupted."""
 
 import errno
-import os
 import threading
 import time
 from collections.abc import Callable
@@ -10,6 +9,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from swarmdata.errors import HubError
+from swarmdata.hub.offline import offline_variable
 
 T = TypeVar("T")
 
@@ -124,9 +124,8 @@ def seconds(text: str | None) -> float | None:
 
 def refuse_offline(address: str) -> None:
     """Raises HubError where the user has said that no network shall be used."""
-    for name in ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE"):
-        if os.environ.get(name, "").strip().upper() in ("1", "ON", "YES", "TRUE"):
-            raise HubError(
-                f"{address} is not asked, because {name} is set. Datasets in the cache still load; "
-                f"unset {name} to use the network."
-            )
+    if name := offline_variable():
+        raise HubError(
+            f"{address} is not asked, because {name} is set. Datasets in the cache still load; "
+            f"unset {name} to use the network."
+        )
