@@ -13,7 +13,11 @@ import numpy as np
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
-from swarmdata.evaluation.policy_selection.rank_statistics import pessimistic_value, ranking_quality
+from swarmdata.evaluation.policy_selection.rank_statistics import (
+    pessimistic_value,
+    rank_correlation,
+    regret,
+)
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
     Criterion,
@@ -52,6 +56,8 @@ from swarmdata.runtime.native_libraries import ThreadLimit
 from swarmdata.specs.origins import SideSpec, Spec
 from swarmdata.store.split_rule import empty_validation
 from swarmdata.types import Double, EvalResult, check_device
+
+TOP = (1, 3)  # values of k for regret@k; those above n - 1 leave no choice and are left out
 
 RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Settings of the fitted Q evaluation that the record has."""
@@ -283,7 +289,11 @@ def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality
         if len(known) < 2:
             continue
         estimates, scores = np.array(known, dtype=np.float64).T
-        qualities[criterion] = CriterionQuality(**ranking_quality(estimates, scores)._asdict())
+        qualities[criterion] = CriterionQuality(
+            n_policies=len(known),
+            spearman=rank_correlation(estimates, scores),
+            regret={k: regret(estimates, scores, k) for k in TOP if k < len(known)},
+        )
     return qualities
 
 
