@@ -42,7 +42,7 @@ from swarmdata.evaluation.study.pages.row_differences import (
     distance_table,
 )
 from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
-from swarmdata.evaluation.study.pages.study_matrices import plot_board
+from swarmdata.evaluation.study.pages.scoreboard import plot_board
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_table,
     duration,
