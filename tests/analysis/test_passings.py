@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.analysis.passings import Passings, passings, total
+from swarmdata.analysis.passings import Passings, passings
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Float
@@ -80,4 +80,3 @@ def test_all_pairs_of_a_team_count() -> None:
         [(0.5, 0.0), (-0.5, 0.0), (0.5, 0.0), (-0.5, 0.0)],
     )
     assert passings(states, spec) == Passings(1, 1)
-    assert total([Passings(1, 1), Passings(2, 0)]) == Passings(3, 1)
