@@ -85,19 +85,11 @@ def rank(
     device: str = "cpu",
     progress: bool = True,
 ) -> Ranking:
-    """Ranks all seeds of offline runs on one dataset.
+    """Ranks all seeds of offline runs, by their last or all kept `checkpoints`, on one dataset.
 
-    Args:
-        folders: of the runs.
-        dataset_id: the dataset or its folder, as `load` takes it; None: the one that the runs name.
-        config: of the fitted Q evaluation.
-        by: criterion that the policies are sorted by.
-        checkpoints: whether all kept checkpoints are ranked, not only the last.
-        n_episodes: also evaluates the policies in the simulator on this many reserved seeds, and
-            reports how well each criterion ranked them; None: does not.
-        results: folder written by `evaluate --out`, whose results are used instead.
-        device: torch device.
-        progress: whether to show progress bars.
+    It is the one that the runs name, or `dataset_id`, as `load` takes it. Scores, which tell how
+    well each criterion ranks, are simulated on `n_episodes` reserved seeds, or read from `results`,
+    a folder that `evaluate --out` wrote.
 
     Raises:
         CheckpointError: a folder holds no run, or a damaged one.
