@@ -15,6 +15,7 @@ from swarmdata.evaluation.study.cells.cell_worker import run_job
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions
 from swarmdata.runtime.engines.jobs import Job, OnFailure, Report
+from tests.support.drawn import save_empty_figures
 from tests.support.tiny import make_tiny
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
@@ -41,10 +42,15 @@ class Here(nullcontext["Here"]):
                 on_failure(job, BuildError(f"{job.name} failed: {error}"))
 
 
+def work_here(patch: pytest.MonkeyPatch) -> None:
+    """Cells are done in this process, and figures are empty files."""
+    patch.setattr(run_cells, "open_engine", Here)
+    save_empty_figures(patch)
+
+
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cells are done in this process."""
-    monkeypatch.setattr(run_cells, "open_engine", Here)
+    work_here(monkeypatch)
 
 
 @pytest.fixture(scope="session")

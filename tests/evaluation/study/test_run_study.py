@@ -49,7 +49,6 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     assert "by at most 0.5 (only one run defines 1 of them)" in other.sentence()
 
 
-@pytest.mark.usefixtures("empty_figures")
 def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path) -> None:
     file, folders = tmp_path / "study.yaml", ("--out", tmp_path / "o", "--work", tmp_path / "w")
     file.write_text(make_study(algorithms={"bc": BC}, seeds=[0]).to_yaml())
