@@ -98,7 +98,6 @@ def _plan(
 
 
 def _team(known: Sequence[Evaluation], new: Sequence[Evaluation]) -> TeamTransfer:
-    """What was measured of a team."""
     label, spec = known[0].provenance.label, known[0].spec
     cases: dict[str, Case] = {}
     for each in (known, new):
@@ -142,7 +141,6 @@ def transfer_table(teams: Sequence[TeamTransfer]) -> str:
 
 
 def _estimates(team: TeamTransfer) -> dict[tuple[str, str], Estimate]:
-    """By quantity and simulator."""
     known, new = team.scores()
     scores = zip((*team.cases, CHANGE), (known, new, new - known), strict=True)
     found = {("score", name): mean_interval(values) for name, values in scores}

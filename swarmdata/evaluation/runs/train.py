@@ -203,7 +203,6 @@ class _Described(NamedTuple):
 
 
 def _of_side(spec: TaskSpec, side: str | None, opponents: str | None = None) -> TaskSpec | SideSpec:
-    """A task as it is, or one side of it."""
     return spec if side is None else SideSpec(whole=spec, side=side, opponents=opponents)
 
 
