@@ -61,11 +61,8 @@ def test_other_meetings_do_not_count(states: Float) -> None:
     assert passings(states, TWO) == Passings(0, 0)
 
 
-def test_an_episode_may_end_behind_each_other() -> None:
+def test_robots_behind_each_other_have_passed_and_meeting_again_counts_again() -> None:
     assert passings(meeting(0.3)[:32], TWO) == Passings(1, 0)
-
-
-def test_meeting_again_counts_again() -> None:
     there = meeting(0.3).reshape(STEPS, 2, -1)
     back = there[::-1].copy()
     back[..., 2:4] *= -1  # time reversed: they come back on the same lines, now on their left

@@ -211,17 +211,15 @@ def test_pages_quote_these_regrets() -> None:
     assert f"`auto` is {np.mean(task):.0f} below, at worst {max(task):.0f}, on" in claims
 
 
-def test_without_differences_of_returns_everything_is_cloned(tiny: Path) -> None:
+def test_few_episodes_are_not_certain_and_without_differences_of_returns_are_cloned(
+    tiny: Path,
+) -> None:
     dataset = Dataset.open(tiny)
+    assert "episodes are few" in choose_for(dataset).line
     weights = {name: 0.0 for name, _ in dataset.task.rules.rewards}
     choice = choose_for(dataset.with_rewards(**weights))
     assert (choice.algorithm, choice.doubts) == ("bc", ())
     assert "the same return" in choice.line
-
-
-def test_a_choice_from_few_episodes_is_not_certain(tiny: Path) -> None:
-    dataset = Dataset.open(tiny)
-    assert "episodes are few" in choose_for(dataset).line
 
 
 def test_mixtures_and_no_episodes_are_refused(tiny: Path) -> None:
