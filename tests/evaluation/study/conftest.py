@@ -16,7 +16,6 @@ from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions
 from swarmdata.runtime.engines.jobs import Job, OnFailure, Report
 from tests.support.drawn import save_empty_figures
-from tests.support.tiny import make_tiny
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
 MADDPG = {"algorithm": "maddpg_bc", "family": "actor-critic", "updates": 10,
@@ -51,19 +50,6 @@ def work_here(patch: pytest.MonkeyPatch) -> None:
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
     work_here(monkeypatch)
-
-
-@pytest.fixture(scope="session")
-def data(tiny: Path) -> Path:
-    """Folder of a tiny dataset."""
-    return tiny
-
-
-@pytest.fixture(scope="session")
-def other_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of another tiny dataset of the same task."""
-    folder = tmp_path_factory.mktemp("other") / "coop_nav-other-v0"
-    return make_tiny(folder, id="coop_nav-other-v0", seed=6)
 
 
 def options_in(folder: Path, **changes: Any) -> StudyOptions:
