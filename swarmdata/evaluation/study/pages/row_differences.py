@@ -296,9 +296,8 @@ def order_table(found: Findings, plan: DifferencesPlan) -> str:
     `>` where a family is clearly better than the next one, `≥` where it is not.
     """
     study, ids = found.study, found.dataset_ids
-    labels: dict[
-        int, dict[str, str]
-    ] = {}  # updates -> family -> row; the shorter one of a pair wins
+    # updates -> family -> row; the shorter one of a pair wins
+    labels: dict[int, dict[str, str]] = {}
     for place in (0, 1):
         for pair in plan.pairs:
             family = study.algorithms[pair[place]].family
