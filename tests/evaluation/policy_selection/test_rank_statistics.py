@@ -27,12 +27,9 @@ def array(*numbers: float) -> Double:
     return np.array(numbers, dtype=np.float64)
 
 
-def test_ties_share_their_mean_rank() -> None:
+def test_ties_share_their_mean_rank_and_correlation_is_pearsons_of_the_ranks() -> None:
     np.testing.assert_array_equal(ranks(array(3, 1, 3, 2)), [3.5, 1, 3.5, 2])
     np.testing.assert_array_equal(ranks(np.zeros((2, 3))), np.full((2, 3), 2.0))
-
-
-def test_correlation_with_ties_is_pearsons_of_the_ranks() -> None:
     estimates, scores = array(1, 1, 2, 3), array(2, 1, 1, 5)
     expected = np.corrcoef([1.5, 1.5, 3, 4], [3, 1.5, 1.5, 4])[0, 1]
     assert spearman(estimates, scores) == pytest.approx(expected)

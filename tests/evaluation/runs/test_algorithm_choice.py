@@ -145,14 +145,11 @@ def chosen() -> tuple[list[Row], dict[str, list[str]]]:
     return rows, choices(rows)
 
 
-def test_the_thresholds_are_fitted_to_the_published_scores() -> None:
-    fitted = fit(read_rows())
+def test_thresholds_are_fitted_to_published_scores_and_only_random_data_leave_doubts() -> None:
+    rows = read_rows()
+    fitted = fit(rows)
     assert {name: rounded(each) for name, each in fitted.items()} == THRESHOLDS
     assert list(fitted) == list(STATISTICS)
-
-
-def test_measured_datasets_leave_no_doubt_but_that_nothing_is_solved() -> None:
-    rows = read_rows()
     doubtful = [row.dataset for row in rows if choose_algorithm(row.statistics).doubts]
     assert doubtful == ["coop_nav-random"]
 
