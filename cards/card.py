@@ -6,7 +6,7 @@ import numpy as np
 
 from swarmdata.cards.committed_studies import committed_studies
 from swarmdata.cards.recording_card import render_recorded
-from swarmdata.cards.references import reference_bytes
+from swarmdata.cards.references import reference_bytes, references_section
 from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.cards.sections.front_matter import bullets, front_matter, identity_section
 from swarmdata.cards.sections.measured_content import CardData, card_data_of
@@ -23,7 +23,6 @@ from swarmdata.cards.sections.problem import (
     senses_section,
     task_section,
 )
-from swarmdata.cards.sections.reference_scores import references_section
 from swarmdata.cards.sections.statistics import (
     coverage_section,
     log_probs_section,

@@ -6,8 +6,8 @@ from pathlib import Path
 from swarmdata.cards.card import card_of
 from swarmdata.cards.committed_studies import CommittedStudy
 from swarmdata.cards.pictures.sheet import draw_card
+from swarmdata.cards.references import REFERENCES_TITLE, references_section
 from swarmdata.cards.sections.baselines import BASELINES_TITLE, baselines_section
-from swarmdata.cards.sections.reference_scores import REFERENCES_TITLE, references_section
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.registry.published import published, references_of

@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from swarmdata.analysis.coverage import places_of, sample_steps
-from swarmdata.cards.pictures.episode_paths import choose_episodes, draw_episode_paths
 from swarmdata.cards.pictures.panels import (
+    choose_episodes,
     draw_actions,
+    draw_episode_paths,
     draw_lengths,
     draw_places,
     draw_returns,

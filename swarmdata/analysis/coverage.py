@@ -12,7 +12,7 @@ from swarmdata.analysis.entropy import (
     knn_entropy,
     mutual_information,
 )
-from swarmdata.analysis.passings import Passings, passings, total
+from swarmdata.analysis.passings import Passings, passings
 from swarmdata.analysis.visits import Occupancy, occupancy
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.runtime.mapped_pages import MappedReads, take_rows
@@ -182,4 +182,4 @@ def passings_of(stored: StoredDataset, episodes: Int, spec: TaskSpec) -> Passing
         found.append(passings(states, spec))
         reads.add(states)
     reads.release()
-    return total(found)
+    return Passings(*(sum(counts) for counts in zip(*found, strict=True)))

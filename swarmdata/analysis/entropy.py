@@ -1,4 +1,7 @@
-"""Entropy and mutual information of samples, from distances to neighbors in the maximum norm."""
+"""Entropy and mutual information of samples, from distances to neighbors in the maximum norm.
+
+Samples are finite and without copies or constant coordinates, as `dither` makes them.
+"""
 
 import numpy as np
 
@@ -66,10 +69,10 @@ def _sorted_counts(points: Double, distances: Double) -> Int:
     return counts
 
 
-def _kth_distances(points: Double, k: int) -> Double:
+def _neighbor_distances(points: Double) -> Double:
     order = np.argsort(points[:, 0], kind="stable")
     distances = np.empty(len(points))
-    distances[order] = _sorted_kth_distances(points[order], k)
+    distances[order] = _sorted_kth_distances(points[order], NEIGHBOR_RANK)
     return distances
 
 
@@ -80,9 +83,7 @@ def _count_within(points: Double, distances: Double) -> Int:
     return counts
 
 
-def knn_entropy(
-    points: Double, k: int = NEIGHBOR_RANK, bounds: tuple[float, float] | None = None
-) -> float:
+def knn_entropy(points: Double, bounds: tuple[float, float] | None = None) -> float:
     """Estimates the differential entropy of the distribution that points were drawn from, nats.
 
     The Kozachenko-Leonenko estimator as Kraskov, Stoegbauer and Grassberger write it ("Estimating
@@ -91,44 +92,35 @@ def knn_entropy(
 
         H = -psi(k) + psi(n) + d / n * sum over i of log(epsilon_i)
 
-    where epsilon_i is twice the distance from point i to its k-th neighbor. Every coordinate is
-    divided by its standard deviation first, and the logarithms of the deviations are added back, so
-    that the choice of units does not decide which points are neighbors.
+    where epsilon_i is twice the distance from point i to its k-th neighbor, k = 4. Every coordinate
+    is divided by its standard deviation first, and the logarithms of the deviations are added back,
+    so that the choice of units does not decide which points are neighbors.
 
     In many dimensions, the cubes of side epsilon_i extend far beyond the range of the points, and
     the estimate is too high. With `bounds`, only the part of each cube within them counts:
     d log(epsilon_i) becomes the sum of the logarithms of the clipped sides.
 
     Args:
-        points: independent draws, [n, d].
-        k: rank of the neighbor.
+        points: independent draws, [n, d] with n > k + 1.
         bounds: smallest and largest possible value of every coordinate, if known.
 
     Raises:
-        SchemaError: there are fewer than k + 2 points, or a value is not finite or out of bounds;
-            or k + 1 points are equal or a coordinate is constant, so that the entropy is minus
-            infinity: `dither` such points.
+        SchemaError: a value is out of bounds.
     """
-    scaled, scales = _standardized(points, k)
+    scales = points.std(axis=0)
     low, high = (-np.inf, np.inf) if bounds is None else bounds
     if points.min() < low or points.max() > high:
         raise SchemaError(
             f"points reach from {points.min():g} to {points.max():g}, expected values from {low:g} "
             f"to {high:g}."
         )
-    distances = _kth_distances(scaled, k)
-    if (distances == 0.0).any():
-        raise SchemaError(
-            f"{int((distances == 0.0).sum())} of {len(points)} points have {k} copies, so their "
-            "density is infinite. Pass dither(points, resolution, seed), and report that."
-        )
-    psi = digamma(len(points))
+    psi, distances = digamma(len(points)), _neighbor_distances(_standardized(points))
     reach = distances[:, None] * scales  # half the sides, in the points' units
     sides = np.minimum(points + reach, high) - np.maximum(points - reach, low)
-    return float(psi[len(points)] - psi[k] + np.log(sides).sum(axis=1).mean())
+    return float(psi[len(points)] - psi[NEIGHBOR_RANK] + np.log(sides).sum(axis=1).mean())
 
 
-def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
+def mutual_information(x: Double, y: Double) -> float:
     """Estimates the mutual information of joint draws x and y, nats; without any, it is about 0.
 
     The first estimator of Kraskov, Stoegbauer and Grassberger 2004, equation 8:
@@ -136,22 +128,14 @@ def mutual_information(x: Double, y: Double, k: int = NEIGHBOR_RANK) -> float:
         I = psi(k) - mean of (psi(n_x + 1) + psi(n_y + 1)) + psi(n)
 
     where n_x and n_y count the points that are strictly closer in x, and in y, than the k-th
-    neighbor in (x, y). Every coordinate is divided by its standard deviation first, which changes
-    no mutual information. x is [n, d_x], y is [n, d_y].
-
-    Raises:
-        SchemaError: as in `knn_entropy`.
+    neighbor in (x, y), k = 4. Every coordinate is divided by its standard deviation first, which
+    changes no mutual information. x is [n, d_x], y is [n, d_y], dithered with different seeds.
     """
-    a, b = _standardized(x, k)[0], _standardized(y, k)[0]
-    distances = _kth_distances(np.concatenate([a, b], axis=1), k)
-    if (distances == 0.0).any():
-        raise SchemaError(
-            f"{int((distances == 0.0).sum())} of {len(x)} pairs have {k} copies, so that no "
-            "density exists. Dither x and y with different seeds, and report that."
-        )
+    a, b = _standardized(x), _standardized(y)
+    distances = _neighbor_distances(np.concatenate([a, b], axis=1))
     psi = digamma(len(x))
     marginal = psi[_count_within(a, distances) + 1] + psi[_count_within(b, distances) + 1]
-    return float(psi[k] + psi[len(x)] - marginal.mean())
+    return float(psi[NEIGHBOR_RANK] + psi[len(x)] - marginal.mean())
 
 
 def correlation(x: Double, y: Double) -> float:
@@ -184,20 +168,7 @@ def digamma(n: int) -> Double:
     return steps
 
 
-def _standardized(points: Double, k: int) -> tuple[Double, Double]:
-    """Scales points to unit deviation in each coordinate, [n, d]; also returns deviations, [d]."""
-    if points.ndim != 2 or points.shape[1] == 0 or not 1 <= k <= len(points) - 2:
-        raise SchemaError(
-            f"points are {list(points.shape)}, expected [n, d] with at least {k + 2} rows for "
-            f"neighbor {k} (itself at least 1)."
-        )
-    if not np.isfinite(points).all():
-        raise SchemaError("points hold values that are not finite, expected finite ones.")
-    scales = points.std(axis=0)
-    if not (scales > 0.0).all():
-        raise SchemaError(
-            f"coordinates {np.flatnonzero(scales == 0.0).tolist()} are constant, so the entropy is "
-            "minus infinity. Pass dither(points, resolution, seed), and report that."
-        )
-    centered = np.ascontiguousarray((points - points.mean(axis=0)) / scales, dtype=np.float64)
-    return centered, scales
+def _standardized(points: Double) -> Double:
+    """Points at mean 0 and unit deviation in each coordinate, [n, d]."""
+    centered = (points - points.mean(axis=0)) / points.std(axis=0)
+    return np.ascontiguousarray(centered, dtype=np.float64)

@@ -1,6 +1,5 @@
 """Counts on which side robots that meet head on pass each other, a convention among them."""
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 from swarmdata.runtime.kernels import kernel
@@ -51,11 +50,6 @@ def passings(states: Float, spec: TaskSpec) -> Passings:
             )
             n_right, n_left = n_right + right, n_left + left
     return Passings(n_right, n_left)
-
-
-def total(counts: Sequence[Passings]) -> Passings:
-    """Sums the passings of several episodes."""
-    return Passings(sum(each.n_right for each in counts), sum(each.n_left for each in counts))
 
 
 @kernel

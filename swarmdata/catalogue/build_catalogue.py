@@ -69,19 +69,10 @@ def build_catalogue(
     *,
     note: Callable[[str], None] = lambda text: None,
 ) -> Path:
-    """Writes a catalogue; an earlier one at the same place is replaced when this one is complete.
+    """Writes a catalogue and returns its index page; an earlier one is replaced at the end.
 
-    A dataset or a result that cannot be shown does not keep the others from it.
-
-    Args:
-        names: ids, addresses or folders of datasets whose episodes are shown; without any, those
-            in the cache.
-        out: the folder.
-        choices: what is shown.
-        note: is told what is being done.
-
-    Returns:
-        The index page.
+    Names are as `find_entries` takes them. A dataset or a result that cannot be shown does not keep
+    the others from it. `note` is told what is being done.
 
     Raises:
         OutputError: something else is at `out`.

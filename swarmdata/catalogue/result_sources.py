@@ -28,7 +28,7 @@ from swarmdata.evaluation.results.result_files import Result
 from swarmdata.evaluation.results.result_set import ResultSet, group_results, read_results
 from swarmdata.evaluation.results.result_tables import estimate_with_zeros, quantities_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
-from swarmdata.evaluation.study.pages.csv_tables import weights_text
+from swarmdata.evaluation.study.pages.study_tables import weights_text
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, zoo
 from swarmdata.numerics.random import VALIDATION_BASE

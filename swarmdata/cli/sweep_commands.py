@@ -153,7 +153,6 @@ def _list_points(planned: "Sweep", *, as_json: bool) -> None:
 
 
 def _print(swept: "Sweep") -> None:
-    """Prints the tables, and where the figures are."""
     typer.echo((swept.out / "sweep.md").read_text(encoding="utf-8"), nl=False)
     for axis in swept.axes:
         typer.echo(swept.out / f"{axis.part}-{axis.name}.png")

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.analysis.passings import Passings, passings, total
+from swarmdata.analysis.passings import Passings, passings
 from swarmdata.specs.state_layout import N_COLUMNS
 from swarmdata.specs.task_spec import Role, TaskSpec
 from swarmdata.types import Float
@@ -61,11 +61,8 @@ def test_other_meetings_do_not_count(states: Float) -> None:
     assert passings(states, TWO) == Passings(0, 0)
 
 
-def test_an_episode_may_end_behind_each_other() -> None:
+def test_robots_behind_each_other_have_passed_and_meeting_again_counts_again() -> None:
     assert passings(meeting(0.3)[:32], TWO) == Passings(1, 0)
-
-
-def test_meeting_again_counts_again() -> None:
     there = meeting(0.3).reshape(STEPS, 2, -1)
     back = there[::-1].copy()
     back[..., 2:4] *= -1  # time reversed: they come back on the same lines, now on their left
@@ -80,4 +77,3 @@ def test_all_pairs_of_a_team_count() -> None:
         [(0.5, 0.0), (-0.5, 0.0), (0.5, 0.0), (-0.5, 0.0)],
     )
     assert passings(states, spec) == Passings(1, 1)
-    assert total([Passings(1, 1), Passings(2, 0)]) == Passings(3, 1)

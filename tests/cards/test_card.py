@@ -158,11 +158,6 @@ def test_dataset_that_fails_a_check_gets_no_card(
         check(make_card_data(table))
 
 
-def test_features_without_description_are_an_error() -> None:
-    with pytest.raises(SchemaError, match="observation features: the arrays have 54"):
-        render(make_card_data(n_features=54))
-
-
 @pytest.mark.parametrize(
     ("observation", "channel"),
     [("state", "none"), ("lidar+stack-2", "state+bits-8"), ("bearing", "learned-3"),
@@ -178,7 +173,9 @@ def test_every_feature_of_every_model_is_described(observation: str, channel: st
     assert len(rows) < 40, "slots share their rows"
 
 
-def test_a_feature_without_description_is_an_error() -> None:
+def test_features_without_description_are_an_error() -> None:
+    with pytest.raises(SchemaError, match="observation features: the arrays have 54"):
+        render(make_card_data(n_features=54))
     task = make_task(TaskSpec())
     task.features = (Feature("own.mood", "flag"),)
     with pytest.raises(SpecError, match=r"\['own.mood'\] have no description"):
@@ -190,7 +187,7 @@ def test_policy_without_episodes_is_an_error() -> None:
         render(make_card_data(make_table(policy=np.zeros(N_EPISODES, np.uint8))))
 
 
-def test_what_was_not_found_is_not_on_the_card() -> None:
+def test_what_was_not_found_is_not_on_the_card_and_unrecorded_collisions_are_not_zero() -> None:
     data = make_card_data()
     covered = replace(
         data.coverage, passings={0: Passings(0, 0)}, dependence=None, states=None, actions=None
@@ -200,10 +197,7 @@ def test_what_was_not_found_is_not_on_the_card() -> None:
     assert "mutual information" not in text
     assert "Log-probabilities" not in text
     assert text.count("| unknown | needs 6 joint steps |") == 2
-
-
-def test_collisions_that_were_not_recorded_are_not_zero() -> None:
-    text = render(replace(make_card_data(), has_events=False))
+    text = render(replace(data, has_events=False))
     assert text.count("not recorded") == 3 * 3  # of all episodes, and of two policies
     assert "| robot collisions per episode | not recorded |" in text
 

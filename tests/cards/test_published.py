@@ -7,7 +7,9 @@ import pytest
 from swarmdata.behavior_policies.tier_bands import EXPERT_AT_LEAST, out_of_band
 from swarmdata.cards.sections.origin import tier_section
 from swarmdata.cards.sections.problem import definitions_section, reward_section
+from swarmdata.cards.worlds_page import worlds_pages
 from swarmdata.registry.components import make_task
+from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published, references
 from swarmdata.registry.recipes import checkpoints, shipped_recipes
 from swarmdata.registry.tiers import FAMILIES, STRICT_FAMILIES
@@ -71,3 +73,22 @@ def test_learned_tiers_mix_independent_policies(family: str, tier: str) -> None:
     assert len({each.sha256 for each in shipped}) == len(shipped)
     assert len({(each.side, each.policy) for each in shipped}) == len(shipped)
     assert len(shipped) == 0 or len(shipped) >= (2 if tier == "mixed-conventions" else 3)
+
+
+def test_a_preset_that_was_not_measured_is_named() -> None:
+    known = dict(references())
+    del known["formation"]
+    pages = worlds_pages(known)
+    assert pages["formation.md"].count("This version of the preset was not measured.") == 1
+    assert "[`formation`](formation.md#formation) |  |  |  |  |" in pages["README.md"]
+
+
+@pytest.mark.parametrize("name", sorted(set(references()) - {"tag-evader"}))  # who wins seldom
+def test_the_scripted_team_solves_what_others_do_not(name: str) -> None:
+    random, idle, scripted = (means(name)[policy] for policy in ("random", "idle", "scripted"))
+    assert scripted["success"] >= 0.8
+    assert max(random["success"], idle["success"]) <= 0.01
+    assert max(random["return"], idle["return"]) < scripted["return"]
+    spec = preset(name.removesuffix("-pursuers"))
+    ends_at_contact = spec.on_collision == "fail"  # then moving at random is over soon
+    assert ends_at_contact or random["return"] < idle["return"]

@@ -44,7 +44,7 @@ def test_checkpoints_are_averaged_per_episode_and_undefined_values_left_out() ->
     assert interval(np.full((2, 3), np.nan)) is None
 
 
-def test_summary_anchors_the_score() -> None:
+def test_summary_anchors_the_score_if_it_has_all_references() -> None:
     table = summarize(
         {
             "idle": [make_result("idle", -4.0)],
@@ -58,11 +58,7 @@ def test_summary_anchors_the_score() -> None:
     assert table.score(1.0) == pytest.approx(50.0)
     assert table.policies["idle"]["time_to_goal"] is None
     assert TaskReferences.parse(asdict(table)) == table
-
-
-def test_score_needs_all_its_references() -> None:
     only_idle = summarize({"idle": [make_result("idle", -4.0)]})
-
     assert only_idle.no_skill is None
     assert only_idle.score(0.0) is None
 

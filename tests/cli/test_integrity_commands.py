@@ -29,10 +29,7 @@ def test_an_id_in_the_cache_with_problems(dataset: Path, cache_folder: Path) -> 
 
 
 @pytest.mark.parametrize("name", ["coop_nav-random-mini", "coop_nav-nothing"])
-def test_what_cannot_be_read(name: str) -> None:
+def test_what_cannot_be_read(name: str, tmp_path: Path) -> None:
+    assert "there is no dataset at" in run("audit", tmp_path, code=2)
     shown = run("audit", name, code=2)
     assert "Get it with: swarmdata generate" in shown or "Did you mean" in shown
-
-
-def test_a_folder_that_is_no_dataset(tmp_path: Path) -> None:
-    assert "there is no dataset at" in run("audit", tmp_path, code=2)

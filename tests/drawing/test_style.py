@@ -1,7 +1,11 @@
-"""One look for each label: families by color, members by marker."""
+"""One look for each label: families by color, members by marker; labels at lines stay apart."""
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
+from swarmdata.drawing.line_labels import spread_labels
 from swarmdata.drawing.style import (
     COLORS,
     FAMILY_COLORS,
@@ -68,3 +72,18 @@ def test_lines_of_a_color_differ_in_their_dashes() -> None:
     lines = line_looks(looks)
     assert len({line["color"] for line in lines.values()}) == 1
     assert len({str(line["ls"]) for line in lines.values()}) == 3
+
+
+@given(st.lists(st.floats(-0.5, 1.5), min_size=1, max_size=9), st.floats(0.01, 0.1))
+def test_labels_stay_apart_and_in_order(wanted: list[float], gap: float) -> None:
+    ends = np.array(wanted)
+    places = spread_labels(ends, gap)
+    order = np.argsort(ends, kind="stable")
+    assert (np.diff(places[order]) >= gap - 1e-9).all()
+    assert places.min() >= -1e-9
+    assert places.max() <= 1.0 + 1e-9
+
+
+def test_labels_with_room_stay_where_they_are() -> None:
+    np.testing.assert_allclose(spread_labels(np.array([0.9, 0.1, 0.5]), 0.1), [0.9, 0.1, 0.5])
+    np.testing.assert_allclose(spread_labels(np.array([0.5, 0.5]), 0.1), [0.45, 0.55])

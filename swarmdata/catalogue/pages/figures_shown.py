@@ -1,9 +1,5 @@
 """Figures as the pages write them; unknown ones are dashes."""
 
-import math
-
-from swarmdata.rollouts.score_statistics import Estimate
-
 UNKNOWN = "–"
 
 
@@ -39,14 +35,6 @@ def file_size(n_bytes: int | None) -> str:
         if n_bytes >= size:
             return f"{n_bytes / size:.{decimals}f} {unit}"
     return f"{n_bytes / 1e3:.0f} kB"
-
-
-def interval(found: Estimate | None, factor: float = 1.0, decimals: int = 1) -> str:
-    """An estimate with its interval."""
-    if found is None or math.isnan(found.value):
-        return UNKNOWN
-    value, low, high = (f"{factor * each:.{decimals}f}" for each in found)
-    return value if math.isnan(found.low) else f"{value} [{low}, {high}]"
 
 
 def per_episode(collisions: tuple[float, float] | None) -> str:

@@ -7,12 +7,12 @@ import numpy as np
 
 from swarmdata.catalogue.elements import Html, element, join, section, table
 from swarmdata.catalogue.pages.dataset_page import TABLE_SCRIPTS, WORLD_SCRIPTS
-from swarmdata.catalogue.pages.figures_shown import interval
 from swarmdata.catalogue.pages.page_frame import Page
-from swarmdata.catalogue.pages.results_tables import QUANTITIES, zoo_difference
+from swarmdata.catalogue.pages.results_tables import COLUMNS, zoo_difference
 from swarmdata.catalogue.pages.viewer_parts import episode_table, world_viewer
 from swarmdata.catalogue.replays.measured_files import measured_columns, run_names
 from swarmdata.catalogue.result_sources import Outcome, ResultSource
+from swarmdata.evaluation.results.estimate_table import format_estimate, format_number
 from swarmdata.evaluation.results.result_files import Result
 
 HEADS = {
@@ -23,9 +23,6 @@ HEADS = {
     "time": "time to goal (s)",
     "collisions": "collisions",
 }
-
-RUN_FIGURES = tuple(each for each in QUANTITIES if each[0] != "score")
-"""Columns of the table of runs, without the score, which the estimates have."""
 
 
 def measured_page(
@@ -74,9 +71,9 @@ def _facts(source: ResultSource, outcome: Outcome) -> Html:
     ]
     if outcome.rewards:
         facts.append(("rewards", outcome.rewards))
-    for name, head, factor, digits in QUANTITIES:
-        if name in outcome.estimates:
-            facts.append((head, interval(outcome.estimates[name], factor, digits)))
+    for key, column in COLUMNS.items():
+        if key in outcome.estimates:
+            facts.append((column.header, format_estimate(outcome.estimates[key], column)))
     if outcome.difference is not None:
         facts.append(("score difference", zoo_difference(outcome.difference)))
     figures = [join(element("dt", name), element("dd", value)) for name, value in facts]
@@ -98,17 +95,16 @@ def _why_absent(outcome: Outcome, n_replays: int) -> str:
 
 
 def _runs(results: Sequence[Result]) -> Html:
-    shown = [
-        each for each in RUN_FIGURES if not all(math.isnan(_mean(one, each[0])) for one in results)
+    shown = [  # without the score, which the estimates have
+        column
+        for key, column in COLUMNS.items()
+        if key != "score" and not all(math.isnan(_mean(one, key)) for one in results)
     ]
     rows: list[tuple[object, ...]] = []
     for name, result in zip(run_names(results), results, strict=True):
-        figures = [
-            "–" if math.isnan(mean := _mean(result, key)) else f"{factor * mean:.{digits}f}"
-            for key, _, factor, digits in shown
-        ]
+        figures = [format_number(_mean(result, column.key), column) for column in shown]
         rows.append((name, *figures, result.run_name or "not kept"))
-    head = ("run", *(each[1] for each in shown), "run folder")
+    head = ("run", *(column.header for column in shown), "run folder")
     text = element("p", "Means over the episodes of each training seed.")
     return section("Runs", "runs", text, table(head, rows))
 

@@ -7,20 +7,13 @@ from pathlib import Path
 from swarmdata.catalogue.boards import Board, Row
 from swarmdata.catalogue.drawings.charts import Axis, axis_drawing, interval_drawing, score_axis
 from swarmdata.catalogue.elements import Html, element
-from swarmdata.catalogue.pages.figures_shown import interval, score
+from swarmdata.catalogue.pages.figures_shown import score
 from swarmdata.catalogue.result_sources import Outcome, ZooDifference
 from swarmdata.drawing.style import COLORS, GRAY, SPARE_COLORS, family_colors, words_of
-from swarmdata.rollouts.score_statistics import Estimate
+from swarmdata.evaluation.results.estimate_table import Column, format_estimate
+from swarmdata.evaluation.results.result_tables import QUANTITIES, UNDEFINED_ESTIMATE
 
-QUANTITIES = (
-    ("score", "score", 1.0, 1),
-    ("return", "return", 1.0, 2),
-    ("success", "success (%)", 100.0, 1),
-    ("clean_success", "clean success (%)", 100.0, 1),
-    ("robot_collisions", "robot collisions", 1.0, 2),
-    ("obstacle_collisions", "obstacle collisions", 1.0, 2),
-)
-"""Columns: key, head, factor to the shown unit, decimals."""
+COLUMNS = {key: each.column for key, each in QUANTITIES.items() if key != "time_to_goal"}
 
 UNKNOWN_SERIES = 6  # the gray of lines whose family is not known
 
@@ -30,8 +23,6 @@ LOW_IS_BETTER = frozenset({"robot_collisions", "obstacle_collisions"})
 """Columns of which the best is the lowest."""
 
 LEAST_SCORE = -50.0  # scores below are arrows: a team that only collides would squeeze all others
-
-UNDEFINED = Estimate(math.nan, math.nan, math.nan)
 
 
 def series_of(results: Sequence[Board]) -> dict[str, int]:
@@ -75,19 +66,19 @@ def zoo_differences(board: Board) -> list[Html]:
 def zoo_difference(found: ZooDifference) -> str:
     """A difference with its interval and the run, such as `+3.1 [1.2, 5.0] relative to zoo:...`."""
     sign = "+" if round(found.score.value, 1) > 0 else ""
-    return f"{sign}{interval(found.score)} relative to {found.run}"
+    return f"{sign}{format_estimate(found.score, COLUMNS['score'])} relative to {found.run}"
 
 
 def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *, key: str) -> Html:
     """Returns the full table of a board, which is sorted by a click on its heads."""
     first = board.quantity
-    others = [each for each in QUANTITIES if each[0] not in RANKS]
+    others = [column for key, column in COLUMNS.items() if key not in RANKS]
     axis = _axis(board, rows)
     body = [
         element(
             "tr",
             *_ranked(board, row, axis, series, ""),
-            *(_estimate(row.outcome, *each) for each in others),
+            *(_estimate(row.outcome, each) for each in others),
             _number(str(row.outcome.n_runs or "–"), row.outcome.n_runs),
             _number(row.outcome.updates or "–", row.outcome.updates),
             element("td", row.outcome.family),
@@ -97,7 +88,7 @@ def board_table(board: Board, rows: Sequence[Row], series: Mapping[str, int], *,
         )
         for row in rows
     ]
-    numbers = [(head, key in LOW_IS_BETTER) for key, head, *_ in others]
+    numbers = [(each.header, each.key in LOW_IS_BETTER) for each in others]
     numbers += [("seeds", False), ("updates", False)]
     head = (
         *_ranked_heads(first, axis),
@@ -124,7 +115,7 @@ def _table(head: Sequence[Html], body: Sequence[Html], **attributes: object) -> 
 
 def _axis(board: Board, rows: Sequence[Row]) -> Axis:
     least = LEAST_SCORE if board.quantity == "score" else -math.inf
-    found = [row.outcome.estimates.get(board.quantity, UNDEFINED) for row in rows]
+    found = [row.outcome.estimates.get(board.quantity, UNDEFINED_ESTIMATE) for row in rows]
     return score_axis(found, _data(board), least)
 
 
@@ -142,11 +133,10 @@ def _ranked(
 ) -> tuple[Html, ...]:
     """The label of a row, the estimate by which it is ranked, and a drawing of it."""
     outcome = row.outcome
-    found = outcome.estimates.get(board.quantity, UNDEFINED)
+    found = outcome.estimates.get(board.quantity, UNDEFINED_ESTIMATE)
     drawn = interval_drawing(found, axis, _data(board), series[outcome.family])
-    quantity = next(each for each in QUANTITIES if each[0] == board.quantity)
     cell = element("td", drawn, class_="drawn")
-    return _label(outcome, root), _estimate(outcome, *quantity), cell
+    return _label(outcome, root), _estimate(outcome, COLUMNS[board.quantity]), cell
 
 
 def _head(name: str, *, is_low: bool = False) -> Html:
@@ -166,11 +156,10 @@ def _number(text: str, value: object) -> Html:
     return element("td", text, class_="n", data_value=value or 0)
 
 
-def _estimate(outcome: Outcome, name: str, _: str, factor: float, decimals: int) -> Html:
-    found = outcome.estimates.get(name)
-    value = -1e9 if found is None or math.isnan(found.value) else found.value
-    text = interval(found, factor, decimals)
-    return element("td", text, class_="n", data_value=f"{value:.8g}")
+def _estimate(outcome: Outcome, column: Column) -> Html:
+    found = outcome.estimates.get(column.key, UNDEFINED_ESTIMATE)
+    value = -1e9 if math.isnan(found.value) else found.value
+    return element("td", format_estimate(found, column), class_="n", data_value=f"{value:.8g}")
 
 
 def _searched(row: Row) -> str:

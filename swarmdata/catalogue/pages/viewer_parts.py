@@ -140,7 +140,6 @@ def _has_visible_sensors(spec: TaskSpec) -> bool:
 
 
 def _legend(spec: TaskSpec) -> Html:
-    """Says what the marks mean."""
     text = f"{appearance_of(spec).legend} A red halo is a contact. Above the time bar: the return "
     text += "so far, and a tick for each event."
     if spec.observation.kind == "lidar":

@@ -9,8 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from swarmdata.catalogue.replays.data_files import replay_table, write_script
-from swarmdata.catalogue.replays.packing import pack
+from swarmdata.catalogue.replays.data_files import pack, replay_table, write_script
 from swarmdata.errors import SwarmdataError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.result_files import Result

@@ -1,15 +1,12 @@
 """`swarmdata filter | combine | subsample`: new datasets from the episodes of existing ones."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from swarmdata.cli.option_use import refuse
 from swarmdata.cli.shared_options import IdOrPath, summary_of
-
-if TYPE_CHECKING:
-    from swarmdata.datasets.dataset import Dataset
 
 NewId = Annotated[
     str, typer.Option("--id", metavar="ID", help="id of the new dataset: TASK-NAME-v0")
@@ -44,9 +41,10 @@ def filter_command(
 ) -> None:
     """Make a dataset of the episodes that meet all conditions."""
     from swarmdata.building.edit import filter_dataset
+    from swarmdata.hub.catalog.catalog import load
 
     made = filter_dataset(
-        _open(source), out, id=new_id, tier=tier, success=success,
+        load(source), out, id=new_id, tier=tier, success=success,
         min_return=min_return, max_return=max_return, policy=policy, split=split,
         seeds=seeds, episodes=episodes,
     )  # fmt: skip
@@ -63,8 +61,9 @@ def combine_command(
 ) -> None:
     """Make a dataset of all episodes of several datasets."""
     from swarmdata.building.edit import combine_datasets
+    from swarmdata.hub.catalog.catalog import load
 
-    opened = [_open(source) for source in sources]
+    opened = [load(source) for source in sources]
     typer.echo(summary_of(combine_datasets(opened, out, id=new_id, tier=tier)))
 
 
@@ -95,16 +94,11 @@ def subsample_command(
     if like is None and steps is None:
         refuse(context, ("seed",), "without --steps or --like: nothing is drawn")
     from swarmdata.building.edit import subsample_dataset
-
-    made = subsample_dataset(
-        _open(source), out, id=new_id, tier=tier, n_steps=steps,
-        min_return=min_return, max_return=max_return,
-        like=None if like is None else _open(like), bins=bins, seed=seed,
-    )  # fmt: skip
-    typer.echo(summary_of(made))
-
-
-def _open(source: str) -> "Dataset":
     from swarmdata.hub.catalog.catalog import load
 
-    return load(source)
+    made = subsample_dataset(
+        load(source), out, id=new_id, tier=tier, n_steps=steps,
+        min_return=min_return, max_return=max_return,
+        like=None if like is None else load(like), bins=bins, seed=seed,
+    )  # fmt: skip
+    typer.echo(summary_of(made))

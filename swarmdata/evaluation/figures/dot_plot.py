@@ -19,7 +19,6 @@ from swarmdata.drawing.style import (
     figure,
     words_of,
 )
-from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_statistics import Estimate
 
 Looks = Mapping[str, Mapping[str, str]]  # color and marker of each label, from `family_looks`
@@ -102,8 +101,6 @@ def plot_dots(
 
     `legend` has looks by text; the mean of the data is added if it is drawn.
     """
-    if not any(line.rows and line.panels for line in lines):
-        raise SchemaError("there are no estimates to draw, expected at least one panel and row.")
     n_columns = max(len(line.panels) for line in lines)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
     letters = max(len(words_of(row)) for line in lines for row in line.rows)

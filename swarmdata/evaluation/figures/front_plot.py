@@ -16,7 +16,6 @@ from swarmdata.drawing.style import (
     figure,
     words_of,
 )
-from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import HOLLOW_LOOK, Looks, marker_handles
 from swarmdata.rollouts.score_statistics import Estimate
 
@@ -46,8 +45,6 @@ def plot_fronts(
     panels: Mapping[str, FrontPanel], looks: Looks, path: Path, *, xlabel: str, ylabel: str
 ) -> None:
     """Draws panels by title: less is better on horizontal axes, from 0, more on vertical ones."""
-    if not panels:
-        raise SchemaError("there are no points to draw, expected at least one panel.")
     are_small = len(panels) > MAX_LARGE_PANELS
     n_columns = 2 if len(panels) == 4 else min(7 if are_small else 3, len(panels))
     n_rows = math.ceil(len(panels) / n_columns)

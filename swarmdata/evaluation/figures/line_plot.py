@@ -17,7 +17,6 @@ from swarmdata.drawing.style import (
     thousands,
     words_of,
 )
-from swarmdata.errors import SchemaError
 from swarmdata.types import Double
 
 MARKED_POINTS = 6  # markers on a line, at most about
@@ -72,8 +71,6 @@ def plot_lines(
     lines have their names at their ends.
     """
     lines = [line for row in rows for panel in row for line in panel.lines]
-    if not lines or not all(len(line.x) for line in lines):
-        raise SchemaError("there are no curves to draw, expected at least one with a point.")
     n_columns = max(map(len, rows))
     width = COLUMN_WIDTH if n_columns == 1 else max(PAGE_WIDTH, 2.1 * n_columns)
     with figure(path, width=width, height=0.5 + (height + 0.35) * len(rows)) as drawing:

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from swarmdata.drawing.style import GRAY, INK, PAGE_WIDTH, figure, words_of
-from swarmdata.errors import SchemaError
 from swarmdata.evaluation.figures.dot_plot import LOWEST_ROW, SCREEN_HEIGHT
 
 WORSE, SAME, BETTER = "#B35806", "#F4F4F4", "#2166AC"  # safe for color-blind readers
@@ -52,8 +51,6 @@ def plot_matrix(
 
     Rows are from the top; of a column's key `group: name`, only the name is shown.
     """
-    if not cells:
-        raise SchemaError("there are no cells to draw, expected at least one.")
     from matplotlib.colors import LinearSegmentedColormap  # noqa: PLC0415  (an extra)
 
     scale = LinearSegmentedColormap.from_list("change", (WORSE, SAME, BETTER))

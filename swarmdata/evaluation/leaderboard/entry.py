@@ -52,8 +52,8 @@ class Description(Frozen):
     algorithm: str
     license: str = Field(min_length=1)  # of the policies
     code: str = Field(min_length=1)  # where the training's code is
-    trials: Natural  # configurations that were tried
-    tuning_episodes: Natural  # simulated episodes that settings were chosen on
+    trials: Natural  # configurations that were tried, this one included
+    tuning_episodes: Natural  # simulated episodes that settings were chosen on; 0: none
     policies: tuple[Sha256, ...]  # of policy-0, policy-1, ...
     is_onnx: bool = False  # whether the policies are files of ONNX, of another library
 
@@ -81,19 +81,10 @@ def submit(
     n_episodes: int = N_EPISODES,
     progress: bool = True,
 ) -> Description:
-    """Makes an entry of trained runs.
+    """Makes an entry of trained runs of one algorithm on a published dataset.
 
-    Args:
-        runs: folders of runs, of one algorithm on the dataset; or files of ONNX, a policy each.
-        out: folder of the entry, new or empty, or of an earlier entry.
-        dataset: published id.
-        name: of its row.
-        license: of the policies, such as `Apache-2.0`.
-        code: address of the training's code.
-        trials: configurations that were tried, this one included.
-        tuning_episodes: simulated episodes that settings were chosen on; 0: none.
-        n_episodes: reserved episodes.
-        progress: whether to show progress bars.
+    `runs` are their folders, or files of ONNX, a policy each; the folder `out` is new or empty, or
+    of an earlier entry. What the entry says of itself is as in `Description`.
 
     Raises:
         SpecError: a run was trained on other data or in other conditions, or there are fewer than

@@ -13,7 +13,11 @@ import numpy as np
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError, SpecError, UnknownNameError
-from swarmdata.evaluation.policy_selection.rank_statistics import pessimistic_value, ranking_quality
+from swarmdata.evaluation.policy_selection.rank_statistics import (
+    pessimistic_value,
+    rank_correlation,
+    regret,
+)
 from swarmdata.evaluation.policy_selection.ranking_record import (
     CRITERIA,
     Criterion,
@@ -53,6 +57,8 @@ from swarmdata.specs.origins import SideSpec, Spec
 from swarmdata.store.split_rule import empty_validation
 from swarmdata.types import Double, EvalResult, check_device
 
+TOP = (1, 3)  # values of k for regret@k; those above n - 1 leave no choice and are left out
+
 RECORDED_SETTINGS = ("n_updates", "batch_size", "hidden", "n_fits", "discount")
 """Settings of the fitted Q evaluation that the record has."""
 
@@ -79,19 +85,11 @@ def rank(
     device: str = "cpu",
     progress: bool = True,
 ) -> Ranking:
-    """Ranks all seeds of offline runs on one dataset.
+    """Ranks all seeds of offline runs, by their last or all kept `checkpoints`, on one dataset.
 
-    Args:
-        folders: of the runs.
-        dataset_id: the dataset or its folder, as `load` takes it; None: the one that the runs name.
-        config: of the fitted Q evaluation.
-        by: criterion that the policies are sorted by.
-        checkpoints: whether all kept checkpoints are ranked, not only the last.
-        n_episodes: also evaluates the policies in the simulator on this many reserved seeds, and
-            reports how well each criterion ranked them; None: does not.
-        results: folder written by `evaluate --out`, whose results are used instead.
-        device: torch device.
-        progress: whether to show progress bars.
+    It is the one that the runs name, or `dataset_id`, as `load` takes it. Scores, which tell how
+    well each criterion ranks, are simulated on `n_episodes` reserved seeds, or read from `results`,
+    a folder that `evaluate --out` wrote.
 
     Raises:
         CheckpointError: a folder holds no run, or a damaged one.
@@ -283,7 +281,11 @@ def _qualities(rows: Sequence[RankedPolicy]) -> dict[Criterion, CriterionQuality
         if len(known) < 2:
             continue
         estimates, scores = np.array(known, dtype=np.float64).T
-        qualities[criterion] = CriterionQuality(**ranking_quality(estimates, scores)._asdict())
+        qualities[criterion] = CriterionQuality(
+            n_policies=len(known),
+            spearman=rank_correlation(estimates, scores),
+            regret={k: regret(estimates, scores, k) for k in TOP if k < len(known)},
+        )
     return qualities
 
 

@@ -3,21 +3,11 @@
 After Fu et al., "Benchmarks for Deep Off-Policy Evaluation", ICLR 2021, section 4.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 
 from swarmdata.errors import SchemaError
 from swarmdata.rollouts.score_statistics import Estimate, bootstrap
 from swarmdata.types import Double
-
-
-class Quality(NamedTuple):
-    """How well one criterion ranked n policies."""
-
-    n_policies: int
-    spearman: Estimate  # -1 to 1, with its bootstrap interval
-    regret: dict[int, float]  # k -> regret@k, in units of the scores
 
 
 def ranks(values: Double) -> Double:
@@ -41,38 +31,39 @@ def spearman(estimates: Double, scores: Double) -> Double:
 
 
 def regret(estimates: Double, scores: Double, k: int = 1) -> float:
-    """Returns how much worse the best of the k chosen policies is than the best of all, [n] each.
+    """Returns how much worse the best of k <= n chosen policies is than the best of all, [n] each.
 
     Regret@k = max_i V_i - max_{j in top-k} V_j (Fu et al. 2021, section 4), with top-k by estimate.
     Among equal estimates the worst policies are chosen, which gives the largest regret of all
     orders of ties.
     """
-    _check(estimates, scores)
-    if not 1 <= k <= len(scores):
-        raise SchemaError(f"regret@{k} of {len(scores)} policies, expected k from 1 to that number")
     chosen = np.lexsort((scores, -estimates))[:k]
     return float(scores.max() - scores[chosen].max())
 
 
-TOP = (1, 3)  # values of k for regret@k; those above n - 1 leave no choice and are left out
-
-
-def ranking_quality(estimates: Double, scores: Double) -> Quality:
-    """Measures how well a criterion, higher is better, agrees with scores of policies, [n] each.
+def rank_correlation(estimates: Double, scores: Double) -> Estimate:
+    """Spearman's correlation of a criterion, higher is better, with scores of policies, [n] each.
 
     The interval is a percentile bootstrap over policies: pairs of estimate and score are drawn with
     replacement. Policies of one run share data and settings, so it tends to be too narrow.
+
+    Raises:
+        SchemaError: they are not finite, of two lengths, or of fewer than two policies.
     """
-    _check(estimates, scores)
-    n = len(scores)
+    shapes = [list(side.shape) for side in (estimates, scores)]
+    finite = all(np.isfinite(side).all() for side in (estimates, scores))
+    if shapes[0] != shapes[1] or estimates.ndim != 1 or len(estimates) < 2 or not finite:
+        raise SchemaError(
+            f"estimates are {shapes[0]} and scores {shapes[1]}, {'all' if finite else 'not all'} "
+            "finite; expected two finite vectors of one length, at least 2: one number per policy."
+        )
 
     def correlation(rows: Double) -> Double:
         index = rows[..., 0].astype(np.int64)
         return spearman(estimates[index], scores[index])
 
-    rows = np.arange(n, dtype=np.float64)[:, None]
-    interval = bootstrap(correlation, rows, generator=np.random.default_rng(0))
-    return Quality(n, interval, {k: regret(estimates, scores, k) for k in TOP if k < n})
+    rows = np.arange(len(scores), dtype=np.float64)[:, None]
+    return bootstrap(correlation, rows, generator=np.random.default_rng(0))
 
 
 def pessimistic_value(values: Double) -> float:
@@ -87,14 +78,3 @@ def pessimistic_value(values: Double) -> float:
         return np.asarray(tables.mean(axis=-2).min(axis=-1))
 
     return bootstrap(least_mean, values.T, generator=np.random.default_rng(0)).low
-
-
-def _check(estimates: Double, scores: Double) -> None:
-    """Checks that both are finite and have the same length, at least 2."""
-    shapes = [list(side.shape) for side in (estimates, scores)]
-    finite = all(np.isfinite(side).all() for side in (estimates, scores))
-    if shapes[0] != shapes[1] or estimates.ndim != 1 or len(estimates) < 2 or not finite:
-        raise SchemaError(
-            f"estimates are {shapes[0]} and scores {shapes[1]}, {'all' if finite else 'not all'} "
-            "finite; expected two finite vectors of one length, at least 2: one number per policy."
-        )

@@ -6,13 +6,12 @@ from swarmdata.datasets.reobservation import attempted_links, reobserved_episode
 from swarmdata.envs.render import animate, draw, save_png
 from swarmdata.envs.render.video import VIDEO_SUFFIXES
 from swarmdata.errors import SchemaError, SpecError
-from swarmdata.evaluation.results.policy_names import check_no_task, find_target, own_dataset
+from swarmdata.evaluation.results.policy_names import check_no_task, find_dataset, find_target
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.observer import features_of
 from swarmdata.perception.sensing.scans import scan_of
 from swarmdata.registry.components import make_env, make_task
-from swarmdata.registry.recipes import is_dataset
 from swarmdata.rollouts.rollout import rollout
 from swarmdata.runtime.atomic import staged
 from swarmdata.specs.model_choice import Source, chosen_models
@@ -83,8 +82,7 @@ def draw_target(
     `index` is re-observed with the models; of others, `index` is of the reserved evaluation seed.
     """
     check_clip(out)
-    data = name if is_dataset(name) else own_dataset(name)
-    if data is not None:
+    if (data := find_dataset(name)) is not None:
         check_no_task(name, task)
         if backend is not None:
             raise SpecError(

@@ -113,16 +113,10 @@ def run_evaluations(
     n_threads: int = 1,
     **options: Unpack[JobOptions],
 ) -> int:
-    """Makes the results that are not there yet; after a kill, the same call resumes.
+    """Makes the results that are not there yet, or all `again`; after a kill, it resumes.
 
-    Args:
-        evaluations: at least one.
-        again: whether results that are there are replaced.
-        n_threads: threads of each process that step its worlds.
-        options: where policies are evaluated.
-
-    Returns:
-        How many results were there already and stay.
+    There is at least one evaluation; `n_threads` of each process step its worlds. Returns how many
+    results were there already and stay.
 
     Raises:
         OutputError: a folder has files and no result.

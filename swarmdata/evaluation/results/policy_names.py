@@ -127,14 +127,12 @@ def find_target(
     )  # fmt: skip
     if (run := find_run(name)) is not None:
         return _run_target(open_run(run), side, opponents, task, choose)
-    if is_dataset(name):
+    if (data := find_dataset(name)) is not None:
         _refuse_sides(name, side, opponents)
         check_no_task(name, task)
+        if isinstance(data, Path):
+            return _own_target(data, choose)
         return _recorded_target(name, find_recipe(name), choose)
-    if (own := own_dataset(name)) is not None:
-        _refuse_sides(name, side, opponents)
-        check_no_task(name, task)
-        return _own_target(own, choose)
     task = DEFAULT_TASK if task is None else task
     if name.endswith(ONNX_SUFFIX) and Path(name).is_file():
         _refuse_sides(name, side, opponents)
@@ -156,8 +154,10 @@ def onnx_target(files: Sequence[Path], spec: TaskSpec, label: str) -> Target:
     return Target(spec, policies, _numbered(label, contents))
 
 
-def own_dataset(name: str) -> Path | None:
-    """Returns the folder of a dataset that no shipped recipe makes, by its folder or cached id."""
+def find_dataset(name: str) -> str | Path | None:
+    """The id of a dataset of the package, or the folder of another one in the cache or there."""
+    if is_dataset(name):
+        return name
     if name in POLICIES or name in TIERS:
         return None
     if is_folder(name):

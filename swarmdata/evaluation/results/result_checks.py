@@ -181,7 +181,6 @@ def _groups(results: Sequence[Result], of: Callable[[Result], Key]) -> dict[Key,
 
 
 def _names(results: Sequence[Result]) -> str:
-    """The files or the labels of some results."""
     names = [
         f"{each.provenance.label}-{each.provenance.index}" if each.path is None else str(each.path)
         for each in results

@@ -8,7 +8,7 @@ from typing import NamedTuple, Unpack
 import numpy as np
 
 from swarmdata.errors import SpecError
-from swarmdata.evaluation.policy_selection.rank_statistics import ranking_quality
+from swarmdata.evaluation.policy_selection.rank_statistics import rank_correlation
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.evaluation_jobs import (
     Evaluation,
@@ -98,7 +98,6 @@ def _plan(
 
 
 def _team(known: Sequence[Evaluation], new: Sequence[Evaluation]) -> TeamTransfer:
-    """What was measured of a team."""
     label, spec = known[0].provenance.label, known[0].spec
     cases: dict[str, Case] = {}
     for each in (known, new):
@@ -114,7 +113,7 @@ def rank_agreement(teams: Sequence[TeamTransfer]) -> Estimate | None:
     """
     means = [[each.mean(axis=1) for each in team.scores()] for team in teams]
     known, new = (np.concatenate(each) for each in zip(*means, strict=True))
-    return ranking_quality(known, new).spearman if len(known) >= LEAST_RANKED else None
+    return rank_correlation(known, new) if len(known) >= LEAST_RANKED else None
 
 
 CHANGE = "change"  # stands as the simulator of differences between the second and the first
@@ -142,7 +141,6 @@ def transfer_table(teams: Sequence[TeamTransfer]) -> str:
 
 
 def _estimates(team: TeamTransfer) -> dict[tuple[str, str], Estimate]:
-    """By quantity and simulator."""
     known, new = team.scores()
     scores = zip((*team.cases, CHANGE), (known, new, new - known), strict=True)
     found = {("score", name): mean_interval(values) for name, values in scores}

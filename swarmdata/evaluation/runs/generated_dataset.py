@@ -141,7 +141,6 @@ def _recipe(
 def _shares(
     policies: str | Path | Sequence[str | Path] | Mapping[str, float],
 ) -> dict[str, float]:
-    """Returns the share of each name."""
     if isinstance(policies, Mapping):
         shares = {str(name): float(share) for name, share in policies.items()}
     else:

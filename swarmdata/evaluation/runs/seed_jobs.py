@@ -17,6 +17,8 @@ from swarmdata.runtime.output_folder import check_marked
 
 Group = tuple[int, ...]  # seeds that are trained together
 
+TRAINER = "swarmdata.evaluation.runs.train:seed_trainer"
+
 
 class Training(Protocol):
     """A training as JSON: all but its seeds and its folder."""
@@ -28,7 +30,6 @@ class Training(Protocol):
 
 def train_in_groups(
     training: Training,
-    entry: str,
     out: Path,
     seeds: Group,
     part: tuple[int, int] | None,
@@ -36,9 +37,7 @@ def train_in_groups(
 ) -> list[Policy] | None:
     """Trains; returns the policies if this process has trained them offline.
 
-    Each group is a run in a folder of its own, `OUT/seeds-...`. `entry` is the "module:function"
-    that returns the handler of a job, which gets the training as JSON, `seeds` and `folder`.
-    `part` is as `train` takes it.
+    Each group is a run in a folder of its own, `OUT/seeds-...`; `part` is as `train` takes it.
 
     Raises:
         OutputError: a folder has files and holds no run.
@@ -66,7 +65,7 @@ def train_in_groups(
         Job(f"{to.name} of {out.name}", {**shared, "seeds": [*group], "folder": str(to.resolve())})
         for group, to in zip(groups, folders, strict=True)
     ]
-    do_with_bar(jobs, entry, "groups of seeds", out, total=length * len(jobs), **options)
+    do_with_bar(jobs, TRAINER, "groups of seeds", out, total=length * len(jobs), **options)
     return None
 
 

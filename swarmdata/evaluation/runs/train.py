@@ -45,8 +45,6 @@ CURVE_EPISODES = 64  # validation episodes of each point of a learning curve
 DEFAULT_SEEDS = 5  # seeds of a training on data, as many as the leaderboard asks for
 DEFAULT_ONLINE_SEEDS = 4  # seeds of a training in a task
 
-TRAINER = f"{__name__}:seed_trainer"
-
 Model = str | dict[str, Any] | None  # a model of `Source`, as JSON
 
 
@@ -205,7 +203,6 @@ class _Described(NamedTuple):
 
 
 def _of_side(spec: TaskSpec, side: str | None, opponents: str | None = None) -> TaskSpec | SideSpec:
-    """A task as it is, or one side of it."""
     return spec if side is None else SideSpec(whole=spec, side=side, opponents=opponents)
 
 
@@ -305,7 +302,7 @@ def train(
         choice = choose_for(training.data(progress=progress))
         training = training.model_copy(update={"algorithm": choice.algorithm})
     where: JobOptions = {"engine": engine, "workers": workers, "progress": progress}
-    found = train_in_groups(training, TRAINER, Path(out), tuple(range(n_seeds)), part, where)
+    found = train_in_groups(training, Path(out), tuple(range(n_seeds)), part, where)
     return read_trained(Path(out)).policies() if found is None else found
 
 
@@ -388,7 +385,7 @@ def train_online(
     if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
         raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
     where: JobOptions = {"engine": engine, "workers": workers, "progress": progress}
-    train_in_groups(training, TRAINER, Path(out), tuple(map(int, found)), part, where)
+    train_in_groups(training, Path(out), tuple(map(int, found)), part, where)
 
 
 def _portable_names(

@@ -10,8 +10,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from swarmdata.cards.pictures.episode_paths import N_EPISODES_SHOWN, choose_episodes
-from swarmdata.cards.pictures.panels import MAX_RIDGES, draw_actions, draw_lengths, draw_returns
+from swarmdata.cards.pictures.panels import (
+    MAX_RIDGES,
+    N_EPISODES_SHOWN,
+    choose_episodes,
+    draw_actions,
+    draw_lengths,
+    draw_returns,
+)
 from swarmdata.cards.pictures.sheet import MAX_PICTURE_BYTES, draw_card
 from swarmdata.cards.publish import publish_card
 from swarmdata.datasets.dataset import Dataset

@@ -26,15 +26,12 @@ def with_log_probs(stored: StoredDataset) -> StoredDataset:
     return replace(stored, arrays={**stored.arrays, LOG_PROBS: spread})
 
 
-def test_by_policy(stored: StoredDataset) -> None:
+def test_log_probabilities_are_by_policy_where_there_are_some(stored: StoredDataset) -> None:
     found = card_data_of(with_log_probs(stored)).log_probs
     assert found is not None
     assert found[0].undefined == 0.0
     assert (found[0].mean, *found[0].quantiles) == pytest.approx([np.log(0.25)] * 4)
     assert found[1].undefined == 1.0
     assert np.isnan(found[1].mean)
-
-
-def test_nothing_where_there_are_none(stored: StoredDataset) -> None:
     arrays = {name: array for name, array in stored.arrays.items() if name != LOG_PROBS}
     assert card_data_of(replace(stored, arrays=arrays)).log_probs is None

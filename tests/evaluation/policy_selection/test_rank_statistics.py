@@ -9,7 +9,7 @@ from hypothesis.extra.numpy import arrays
 from swarmdata.errors import SchemaError
 from swarmdata.evaluation.policy_selection.rank_statistics import (
     pessimistic_value,
-    ranking_quality,
+    rank_correlation,
     ranks,
     regret,
     spearman,
@@ -27,12 +27,9 @@ def array(*numbers: float) -> Double:
     return np.array(numbers, dtype=np.float64)
 
 
-def test_ties_share_their_mean_rank() -> None:
+def test_ties_share_their_mean_rank_and_correlation_is_pearsons_of_the_ranks() -> None:
     np.testing.assert_array_equal(ranks(array(3, 1, 3, 2)), [3.5, 1, 3.5, 2])
     np.testing.assert_array_equal(ranks(np.zeros((2, 3))), np.full((2, 3), 2.0))
-
-
-def test_correlation_with_ties_is_pearsons_of_the_ranks() -> None:
     estimates, scores = array(1, 1, 2, 3), array(2, 1, 1, 5)
     expected = np.corrcoef([1.5, 1.5, 3, 4], [3, 1.5, 1.5, 4])[0, 1]
     assert spearman(estimates, scores) == pytest.approx(expected)
@@ -77,6 +74,7 @@ def test_regret_shrinks_with_more_tries_and_does_not_see_the_order_of_rows(
     n = len(scores)
     found = [regret(estimates, scores, k) for k in range(1, n + 1)]
     assert found == sorted(found, reverse=True)
+    assert found[0] == scores.max() - scores[estimates == estimates.max()].min(), "the worst tie"
     assert found[-1] == 0
     assert regret(scores, scores) == 0
     assert max(found) <= scores.max() - scores.min()
@@ -85,30 +83,13 @@ def test_regret_shrinks_with_more_tries_and_does_not_see_the_order_of_rows(
     assert found == [regret(estimates[order], scores[order], k) for k in range(1, n + 1)]
 
 
-@given(pairs)
-def test_ties_count_as_badly_as_they_can(pair: tuple[Double, Double]) -> None:
-    estimates, scores = pair
-    worst = scores[estimates == estimates.max()].min()
-    assert regret(estimates, scores) == scores.max() - worst
-
-
-def test_quality_has_an_interval_and_every_regret_that_leaves_a_choice() -> None:
+def test_the_correlation_of_a_few_policies_has_an_interval() -> None:
     rng = np.random.default_rng(3)
     scores = rng.normal(size=12)
-    made = ranking_quality(scores + 0.3 * rng.normal(size=12), scores)
-    assert made.n_policies == 12
-    assert made.spearman.low <= made.spearman.value <= made.spearman.high
-    assert made.spearman.low > 0
-    assert set(made.regret) == {1, 3}
-    perfect = ranking_quality(scores, scores)
-    assert perfect.spearman.high == pytest.approx(1)
-    assert perfect.regret == {1: 0.0, 3: 0.0}
-
-
-def test_two_policies_are_enough() -> None:
-    made = ranking_quality(array(1, 2), array(5, 4))
-    assert made.spearman.value == -1
-    assert made.regret == {1: 1.0}
+    value, low, high = rank_correlation(scores + 0.3 * rng.normal(size=12), scores)
+    assert 0 < low <= value <= high
+    assert rank_correlation(scores, scores).high == pytest.approx(1)
+    assert rank_correlation(array(1, 2), array(5, 4)).value == -1
 
 
 @pytest.mark.parametrize(
@@ -123,15 +104,7 @@ def test_two_policies_are_enough() -> None:
 )
 def test_what_cannot_be_ranked_is_an_error(estimates: Double, scores: Double) -> None:
     with pytest.raises(SchemaError, match="expected two finite vectors"):
-        ranking_quality(estimates, scores)
-    with pytest.raises(SchemaError, match="expected two finite vectors"):
-        regret(estimates, scores)
-
-
-@pytest.mark.parametrize("k", [0, 4])
-def test_a_wrong_number_of_tries_is_an_error(k: int) -> None:
-    with pytest.raises(SchemaError, match=f"regret@{k} of 3 policies"):
-        regret(array(1, 2, 3), array(1, 2, 3), k)
+        rank_correlation(estimates, scores)
 
 
 def test_the_pessimistic_value_is_of_the_least_fit_and_of_its_worse_states() -> None:

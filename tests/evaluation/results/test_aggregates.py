@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from swarmdata.errors import SchemaError, UnknownNameError
+from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.aggregates import (
     collisions_and_returns,
     comparable_scores,
@@ -69,8 +69,6 @@ def test_only_what_was_measured_everywhere_is_aggregated() -> None:
     bc, omar = map(mean_over_datasets, found.tables.values())
     assert bc.low <= bc.value <= bc.high < omar.value
     assert comparable_scores(group_results([lone])).tables == {}
-    with pytest.raises(SchemaError, match="no scores to draw a profile"):
-        thresholds_of({})
 
 
 def test_differences_over_datasets_are_paired_by_episode() -> None:

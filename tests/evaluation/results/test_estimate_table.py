@@ -17,6 +17,7 @@ TABLE = Table(
     (
         Row("straight", 1, (Estimate(-0.04, -1.26, 1.0), Estimate(0.305, 0.28, 0.335))),
         Row("bc|x", 5, (Estimate(101.25, 99.0, 103.0), Estimate(math.nan, math.nan, math.nan))),
+        Row("data", 0, (Estimate(3.0, math.nan, math.nan), Estimate(0.5, 0.4, 0.6))),
     ),
     "The caption.",
 )
@@ -28,6 +29,7 @@ def test_markdown() -> None:
         "| --- | ---: | ---: | ---: |\n"
         "| straight | 1 | 0.0 [-1.3, 1.0] | 30.5 [28.0, 33.5] |\n"
         "| bc\\|x | 5 | 101.2 [99.0, 103.0] | – |\n"
+        "| data | – | 3.0 | 50.0 [40.0, 60.0] |\n"
         "\nThe caption.\n"
     )
 
@@ -38,6 +40,7 @@ def test_text_is_aligned() -> None:
         "──────────────────────────────────────────────────────\n"
         "straight     1      0.0 [-1.3, 1.0]  30.5 [28.0, 33.5]\n"
         "bc|x         5  101.2 [99.0, 103.0]                  –\n"
+        "data         –                  3.0  50.0 [40.0, 60.0]\n"
         "\nThe caption.\n"
     )
 
@@ -48,12 +51,6 @@ def test_csv_has_every_bit() -> None:
     assert float(rows[0]["success_high"]) == 0.335
     assert rows[1]["policy"] == "bc|x"
     assert rows[1]["success"] == ""
-
-
-def test_a_value_without_an_interval_stands_alone() -> None:
-    row = Row("data", 0, (Estimate(3.0, math.nan, math.nan), Estimate(0.5, 0.4, 0.6)))
-    table = Table(TABLE.columns, (*TABLE.rows, row), "")
-    assert "| data | – | 3.0 | 50.0 [40.0, 60.0] |" in table.to_markdown()
 
 
 def test_latex() -> None:
@@ -77,6 +74,6 @@ def test_panels_are_columns_in_shown_units() -> None:
     panels = TABLE.panels(["success", "score"])
     assert list(panels) == ["success (%)", "score"]
     assert panels["success (%)"]["straight"] == pytest.approx((30.5, 28.0, 33.5))
-    assert list(panels["score"]) == ["straight", "bc|x"]
+    assert list(panels["score"]) == ["straight", "bc|x", "data"]
     with pytest.raises(UnknownNameError, match=r"unknown column 'scor'. Did you mean 'score'"):
         TABLE.panels(["scor"])

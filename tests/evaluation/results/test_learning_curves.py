@@ -83,14 +83,11 @@ def test_malformed_files_leave_no_figure(tmp_path: Path) -> None:
     assert not (tmp_path / "x.png").exists()
 
 
-def test_seeds_of_one_file_become_runs(tmp_path: Path) -> None:
+def test_seeds_of_one_file_become_runs_and_files_without_seeds_are_one_each(tmp_path: Path) -> None:
     text = "updates,seed,success\n0,1,0.1\n0,2,0.2\n10,2,0.4\n10,1,0.3\n"
     curve = read_curve([write(tmp_path / "curve.csv", text)], "success")
     assert curve.progress.tolist() == [0, 10]
     assert curve.values.tolist() == [[0.1, 0.3], [0.2, 0.4]]
-
-
-def test_files_without_seeds_are_one_run_each(tmp_path: Path) -> None:
     paths = [write(tmp_path / f"{k}.csv", f"frames,r\n5,{k}\n9,{k + 1}\n") for k in range(3)]
     curve = read_curve(paths, "r", progress="frames")
     assert curve.values.tolist() == [[0, 1], [1, 2], [2, 3]]
@@ -120,11 +117,9 @@ def test_labels_units_and_references_are_in_the_picture(tmp_path: Path) -> None:
         assert f"<!-- {label} -->" in path.read_text()
 
 
-def test_other_suffixes_and_empty_figures_are_refused(tmp_path: Path) -> None:
+def test_other_suffixes_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match=r"suffix '.jpg', expected one of"):
         plot_curves({"bc": CURVE}, tmp_path / "a.jpg", ylabel="y")
-    with pytest.raises(SchemaError, match="no curves to draw"):
-        plot_curves({}, tmp_path / "a.png", ylabel="y")
     assert not list(tmp_path.iterdir())
 
 

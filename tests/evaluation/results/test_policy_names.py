@@ -38,23 +38,15 @@ from swarmdata.rollouts.side_policy import step_of_side
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import SideSpec
-from swarmdata.specs.recipe import PolicySource, Recipe
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from tests.record.worlds import Counting, play, steady
 from tests.support.command_line import run
-from tests.support.tiny import make_tiny
+from tests.support.tiny import TINY, make_tiny
 
 pytestmark = pytest.mark.usefixtures("one_process")
 
 HEADLINE = preset("coop_nav")
-TINY = Recipe(
-    id="coop_nav-tiny-v0",
-    tier="random",
-    spec=TaskSpec(horizon=15),
-    policies=(PolicySource(label="random", name="random"),),
-    n_steps=400,
-    part_episodes=8,
-)
 
 
 @pytest.mark.parametrize(
@@ -206,14 +198,14 @@ def cached(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv("SWARMDATA_CACHE", str(tmp_path / "cache"))
     folder = tmp_path / "cache/datasets" / TINY.id
     folder.parent.mkdir(parents=True)
-    return make_tiny(folder, id=TINY.id, spec=TaskSpec(horizon=15))
+    return make_tiny(folder)
 
 
 def test_an_own_dataset_is_its_policies(cached: Path) -> None:
     """By its id, with and without version, and by its folder; as published datasets are."""
     for name in (TINY.id, "coop_nav-tiny", str(cached)):
         target = find_target(name)
-        assert (target.label, target.spec) == (TINY.id, TaskSpec(horizon=15))
+        assert (target.label, target.spec) == (TINY.id, TINY.spec)
         assert len(target.policies) == 2
         results = evaluate_target(target, 3, progress=False)
         alone = [evaluate_target(find_target(p, spec_file(cached)), 3, progress=False)[0]
@@ -354,39 +346,33 @@ def test_results_of_sides_name_them(tag_runs: dict[str, Path], tmp_path: Path) -
         assert "clean_success" in columns
         assert case.spec == target.side
         assert f"tag: {case.spec.side} against" in case_table(case).caption
-        np.testing.assert_array_equal(
-            found[0].evaluation.metrics["success"],
-            found[0].evaluation.metrics[f"{case.spec.side}_success"],
-        )
-        np.testing.assert_array_equal(
-            found[0].evaluation.metrics["return"],
-            found[0].evaluation.metrics[f"{case.spec.side}_return"],
-        )
+        metrics = found[0].evaluation.metrics
+        for metric in ("success", "return"):
+            np.testing.assert_array_equal(metrics[metric], metrics[f"{case.spec.side}_{metric}"])
 
 
 def test_sides_and_opponents_that_do_not_fit_are_refused(tag_runs: dict[str, Path]) -> None:
     run = str(tag_runs["pursuers"])
-    refused: list[tuple[str, dict[str, Any]]] = [
-        ("was trained for the side pursuers of tag, and needs opponents", {}),
-        ("was trained for the side pursuers, got side 'evader'", {"side": "evader"}),
-        ("not trained for another side of tag than pursuers", {"opponents": run}),
-        ("plays in the task of its training", {"opponents": "idle", "task": "coop_nav"}),
+    no_sides = "coop_nav has one side, got side 'evader'"
+    refused: list[tuple[str, str, dict[str, Any]]] = [
+        (run, "was trained for the side pursuers of tag, and needs opponents", {}),
+        (run, "was trained for the side pursuers, got side 'evader'", {"side": "evader"}),
+        (run, "not trained for another side of tag than pursuers", {"opponents": run}),
+        (run, "plays in the task of its training", {"opponents": "idle", "task": "coop_nav"}),
+        ("idle", no_sides, {"side": "evader", "opponents": "idle"}),
+        ("expert", no_sides, {"side": "evader", "opponents": "idle"}),
+        ("coop_nav-medium", "is of a whole team and does not take", {"opponents": "idle"}),
+        (
+            "idle",
+            r"got side \(--side\) 'evader' and opponents \(--opponents\) None for idle",
+            {"task": "tag", "side": "evader"},
+        ),
     ]
-    for words, arguments in refused:
+    for name, words, arguments in refused:
         with pytest.raises(SpecError, match=words):
-            find_target(run, **arguments)
+            find_target(name, **arguments)
     with pytest.raises(UnknownNameError, match="tier or run folder of a side 'ilde'"):
         find_target(run, opponents="ilde")
-    with pytest.raises(
-        SpecError, match=r"got side \(--side\) 'evader' and opponents \(--opponents\) None for idle"
-    ):
-        find_target("idle", "tag", side="evader")
-    with pytest.raises(SpecError, match="coop_nav has one side, got side 'evader'"):
-        find_target("idle", side="evader", opponents="idle")
-    with pytest.raises(SpecError, match="coop_nav has one side, got side 'evader'"):
-        find_target("expert", side="evader", opponents="idle")
-    with pytest.raises(SpecError, match="coop_nav-medium is of a whole team and does not take"):
-        find_target("coop_nav-medium", opponents="idle")
     with pytest.raises(SpecError, match="was trained for the side pursuers of tag, and does not"):
         make_policy(run, TAG)
     with pytest.raises(SchemaError, match=r"has the rows of all sides .* bc learns for one"):

@@ -91,14 +91,10 @@ def test_the_data_come_first_without_an_interval() -> None:
     assert table.rows[0].n_runs == 0
     assert "20 episodes of coop_nav on the evaluation seeds" in table.caption
     assert "observation state, communication none" in table.caption
-
-
-def test_the_caption_names_the_validation_seeds() -> None:
     run = result()
     chosen = replace(run, evaluation=replace(run.evaluation, seeds=validation_seeds(20)))
     (case,) = group_results([chosen]).cases
-    table = case_table(case)
-    assert "20 episodes of coop_nav on the validation seeds" in table.caption
+    assert "20 episodes of coop_nav on the validation seeds" in case_table(case).caption
 
 
 def test_other_environments_have_their_own_columns() -> None:

@@ -145,14 +145,11 @@ def chosen() -> tuple[list[Row], dict[str, list[str]]]:
     return rows, choices(rows)
 
 
-def test_the_thresholds_are_fitted_to_the_published_scores() -> None:
-    fitted = fit(read_rows())
+def test_thresholds_are_fitted_to_published_scores_and_only_random_data_leave_doubts() -> None:
+    rows = read_rows()
+    fitted = fit(rows)
     assert {name: rounded(each) for name, each in fitted.items()} == THRESHOLDS
     assert list(fitted) == list(STATISTICS)
-
-
-def test_measured_datasets_leave_no_doubt_but_that_nothing_is_solved() -> None:
-    rows = read_rows()
     doubtful = [row.dataset for row in rows if choose_algorithm(row.statistics).doubts]
     assert doubtful == ["coop_nav-random"]
 
@@ -211,17 +208,15 @@ def test_pages_quote_these_regrets() -> None:
     assert f"`auto` is {np.mean(task):.0f} below, at worst {max(task):.0f}, on" in claims
 
 
-def test_without_differences_of_returns_everything_is_cloned(tiny: Path) -> None:
+def test_few_episodes_are_not_certain_and_without_differences_of_returns_are_cloned(
+    tiny: Path,
+) -> None:
     dataset = Dataset.open(tiny)
+    assert "episodes are few" in choose_for(dataset).line
     weights = {name: 0.0 for name, _ in dataset.task.rules.rewards}
     choice = choose_for(dataset.with_rewards(**weights))
     assert (choice.algorithm, choice.doubts) == ("bc", ())
     assert "the same return" in choice.line
-
-
-def test_a_choice_from_few_episodes_is_not_certain(tiny: Path) -> None:
-    dataset = Dataset.open(tiny)
-    assert "episodes are few" in choose_for(dataset).line
 
 
 def test_mixtures_and_no_episodes_are_refused(tiny: Path) -> None:

@@ -4,13 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 pytest.importorskip("torch", reason="runs need the torch extra")
 
 import swarmdata
 from swarmdata.behavior_policies.learned import Learned
-from swarmdata.errors import PolicyFitError, SpecError, UnknownNameError
+from swarmdata.errors import CheckpointError, PolicyFitError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.runs.trained_policies import label_of, read_trained
 from swarmdata.interfaces import Policy
 from swarmdata.registry.recipes import sources
 from swarmdata.specs.task_spec import TaskSpec
@@ -110,3 +113,19 @@ def test_worlds_and_tasks_take_names_too() -> None:
     assert named.policy == "policy"
     again = swarmdata.evaluate(random, swarmdata.preset("coop_nav"), n_episodes=2, progress=False)
     np.testing.assert_array_equal(named.metrics["return"], again.metrics["return"])
+
+
+DATASET = "coop_nav-medium-v1"
+
+
+@given(st.from_regex(r"[a-z_]{1,12}(-[a-z_]{1,6})?", fullmatch=True))
+def test_the_dataset_is_no_part_of_the_label(name: str) -> None:
+    assert label_of(f"{name}-coop_nav-medium-v1", DATASET) == name
+    assert label_of(f"{name}-coop_nav-medium", DATASET) == name
+    for other in (f"{name}-coop_nav-expert", "coop_nav-medium", "-coop_nav-medium"):
+        assert label_of(other, DATASET) == other
+
+
+def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(CheckpointError, match="is not a run folder"):
+        read_trained(tmp_path)

@@ -15,7 +15,7 @@ from swarmdata.evaluation.study.cells.cell_worker import run_job
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions
 from swarmdata.runtime.engines.jobs import Job, OnFailure, Report
-from tests.support.tiny import make_tiny
+from tests.support.drawn import save_empty_figures
 
 BC = {"algorithm": "bc", "family": "cloning", "updates": 20}
 MADDPG = {"algorithm": "maddpg_bc", "family": "actor-critic", "updates": 10,
@@ -41,23 +41,15 @@ class Here(nullcontext["Here"]):
                 on_failure(job, BuildError(f"{job.name} failed: {error}"))
 
 
+def work_here(patch: pytest.MonkeyPatch) -> None:
+    """Cells are done in this process, and figures are empty files."""
+    patch.setattr(run_cells, "open_engine", Here)
+    save_empty_figures(patch)
+
+
 @pytest.fixture
 def here(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Cells are done in this process."""
-    monkeypatch.setattr(run_cells, "open_engine", Here)
-
-
-@pytest.fixture(scope="session")
-def data(tiny: Path) -> Path:
-    """Folder of a tiny dataset."""
-    return tiny
-
-
-@pytest.fixture(scope="session")
-def other_data(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Folder of another tiny dataset of the same task."""
-    folder = tmp_path_factory.mktemp("other") / "coop_nav-other-v0"
-    return make_tiny(folder, id="coop_nav-other-v0", seed=6)
+    work_here(monkeypatch)
 
 
 def options_in(folder: Path, **changes: Any) -> StudyOptions:

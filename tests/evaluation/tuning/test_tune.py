@@ -14,7 +14,7 @@ pytest.importorskip("torch", reason="tuning needs the torch extra")
 from swarmdata.errors import OutputError, ResultsError, SpecError, StaleCellError, UnknownNameError
 from swarmdata.evaluation.results import result_set
 from swarmdata.evaluation.runs.train import read_settings
-from swarmdata.evaluation.study.cells import cell_worker, run_cells
+from swarmdata.evaluation.study.cells import cell_worker
 from swarmdata.evaluation.tuning import tune as tune_module
 from swarmdata.evaluation.tuning.tune import tune
 from swarmdata.evaluation.tuning.tuning_record import Tuning
@@ -25,10 +25,9 @@ from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc import BCConfig
 from swarmdata.offline_algos.vdn import VDNConfig
 from swarmdata.registry.published import Reference
-from tests.evaluation.study.conftest import Here
+from tests.evaluation.study.conftest import work_here
 from tests.interop.logs.logged_team import log_map, write_team
 from tests.support.command_line import run
-from tests.support.drawn import save_empty_figures
 from tests.support.measured import csv_rows
 from tests.support.tiny import make_tiny
 
@@ -49,9 +48,8 @@ def small_tune(data: Path) -> Iterator[Tune]:
 
     fits = FQEConfig(n_updates=20, hidden=(8,), n_fits=2, batch_size=16)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_cells, "open_engine", Here)
+        work_here(patch)
         patch.setattr(tune_module, "FITS", fits)
-        save_empty_figures(patch)
         yield call
 
 

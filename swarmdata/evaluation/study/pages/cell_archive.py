@@ -22,7 +22,7 @@ from swarmdata.evaluation.study.cells.cells import (
     Cell,
 )
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
-from swarmdata.evaluation.study.pages.csv_tables import RUN_METRICS
+from swarmdata.evaluation.study.pages.study_tables import RUN_METRICS
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import CURVE, LOSSES
 from swarmdata.specs.frozen import Frozen

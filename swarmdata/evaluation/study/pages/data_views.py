@@ -21,8 +21,12 @@ from swarmdata.evaluation.study.pages.collect_results import (
     is_view_cell,
     results_of,
 )
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
-from swarmdata.evaluation.study.pages.study_matrices import SCALE_LIMIT
+from swarmdata.evaluation.study.pages.scoreboard import (
+    SCALE_LIMIT,
+    Scoreboard,
+    make_scoreboard,
+    quantity_of,
+)
 
 FIGURE = "information.png"
 

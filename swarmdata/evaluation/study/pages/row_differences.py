@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from swarmdata.drawing import markdown
 from swarmdata.drawing.style import words_of_pair
@@ -24,7 +24,7 @@ from swarmdata.evaluation.study.plan import DifferencesPlan, Study
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.plain_names import without_version
 
-Verdict = Literal["higher", "lower", "no clear change"]
+UNCLEAR = "no clear change"
 
 
 class RowDifference(NamedTuple):
@@ -56,11 +56,11 @@ def difference_rows(found: Findings) -> list[dict[str, object]]:
     ]
 
 
-def verdict_of(difference: Estimate) -> Verdict:
+def verdict_of(difference: Estimate) -> str:
     """Whether a difference is above 0 with its whole interval, below, or neither."""
     if difference.low > 0.0:
         return "higher"
-    return "lower" if difference.high < 0.0 else "no clear change"
+    return "lower" if difference.high < 0.0 else UNCLEAR
 
 
 def measured_differences(found: Findings, plan: DifferencesPlan) -> list[RowDifference]:
@@ -97,8 +97,6 @@ def format_difference(difference: Estimate, column: Column) -> str:
     sign = "+" if difference.value > 0.0 and text[0] not in f"-{UNDEFINED}" else ""
     return f"{sign}{text}".replace("-", "−")
 
-
-UNCLEAR = "no clear change"
 
 PAIRED = (
     "The first row minus the second, paired by episode. A difference is higher or lower if its "
@@ -298,9 +296,8 @@ def order_table(found: Findings, plan: DifferencesPlan) -> str:
     `>` where a family is clearly better than the next one, `≥` where it is not.
     """
     study, ids = found.study, found.dataset_ids
-    labels: dict[
-        int, dict[str, str]
-    ] = {}  # updates -> family -> row; the shorter one of a pair wins
+    # updates -> family -> row; the shorter one of a pair wins
+    labels: dict[int, dict[str, str]] = {}
     for place in (0, 1):
         for pair in plan.pairs:
             family = study.algorithms[pair[place]].family

@@ -16,8 +16,7 @@ from swarmdata.evaluation.results.aggregates import collisions, pareto_front
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_plots import plot_pareto
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard
-from swarmdata.evaluation.study.pages.study_matrices import plot_board
+from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, plot_board
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
 from swarmdata.rollouts.score_intervals import AT_LEAST_ZERO
 from swarmdata.rollouts.score_statistics import Estimate

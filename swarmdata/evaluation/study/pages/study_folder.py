@@ -28,13 +28,6 @@ from swarmdata.evaluation.study.pages.cell_archive import (
     write_archive,
 )
 from swarmdata.evaluation.study.pages.collect_results import Findings, is_in_grid
-from swarmdata.evaluation.study.pages.csv_tables import (
-    cost_rows,
-    curve_rows,
-    dataset_rows,
-    estimate_rows,
-    run_rows,
-)
 from swarmdata.evaluation.study.pages.data_views import information_section, size_section, view_rows
 from swarmdata.evaluation.study.pages.row_differences import (
     difference_rows,
@@ -42,11 +35,16 @@ from swarmdata.evaluation.study.pages.row_differences import (
     distance_table,
 )
 from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
-from swarmdata.evaluation.study.pages.study_matrices import plot_board
+from swarmdata.evaluation.study.pages.scoreboard import plot_board
 from swarmdata.evaluation.study.pages.study_tables import (
+    cost_rows,
     cost_table,
+    curve_rows,
+    dataset_rows,
     duration,
+    estimate_rows,
     online_table,
+    run_rows,
     scoreboard_table,
     training_table,
 )

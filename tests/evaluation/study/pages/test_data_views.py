@@ -6,14 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.evaluation.study.cells import run_cells
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, collect_study, run_study
-from tests.evaluation.study.conftest import BC, Here, Make, options_in, rows_below
-from tests.support.drawn import save_empty_figures
+from tests.evaluation.study.conftest import BC, Make, options_in, rows_below, work_here
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here", "empty_figures")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here")]
 
 VIEWS = {
     "recorded": {},
@@ -39,8 +37,7 @@ def trained(study: Study, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with `out` and `work` of the study's cells; none was tried in other views."""
     folder = tmp_path_factory.mktemp("trained")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_cells, "open_engine", Here)
-        save_empty_figures(patch)
+        work_here(patch)
         assert run_study(study, options_in(folder, only="bc/*"), "x")[0] == {}
     return folder
 

@@ -14,16 +14,15 @@ from swarmdata.cards.sections.baselines import baselines_section
 from swarmdata.errors import DiskFullError, StudyError
 from swarmdata.evaluation.results.result_files import load_result
 from swarmdata.evaluation.runs.portable_names import without_places
-from swarmdata.evaluation.study.cells import cell_worker, run_cells
+from swarmdata.evaluation.study.cells import cell_worker
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER
 from swarmdata.evaluation.study.pages.study_folder import MADE, page_with, rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
-from tests.evaluation.study.conftest import BC, MADDPG, Here, Make, options_in
-from tests.support.drawn import save_empty_figures
+from tests.evaluation.study.conftest import BC, MADDPG, Make, options_in, work_here
 from tests.support.measured import csv_rows
 
-pytestmark = pytest.mark.usefixtures("here", "empty_figures")
+pytestmark = pytest.mark.usefixtures("here")
 
 WHOLE = {"algorithms": {"bc": BC, "maddpg": MADDPG}, "curves": {"points": 2, "episodes": 2}}
 
@@ -46,8 +45,7 @@ def finished(study: Study, tmp_path_factory: pytest.TempPathFactory) -> StudyOpt
     folder = tmp_path_factory.mktemp("finished")
     options = options_in(folder)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(run_cells, "open_engine", Here)
-        save_empty_figures(patch)
+        work_here(patch)
         failures, _ = run_study(study, options, "swarmdata study tiny.yaml")
     assert failures == {}
     return options

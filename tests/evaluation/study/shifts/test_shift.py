@@ -9,7 +9,7 @@ from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.study.run_study import StudyOptions, run_study
 from tests.evaluation.study.conftest import BC, Make, rows_below
 
-pytestmark = pytest.mark.usefixtures("here", "empty_figures")
+pytestmark = pytest.mark.usefixtures("here")
 
 SETS = {**BC, "settings": {"policy_network": "deep_sets"}}
 

@@ -17,7 +17,7 @@ from swarmdata.evaluation.study.run_study import (
 from swarmdata.numerics.random import VALIDATION_BASE
 from tests.evaluation.study.conftest import BC, MADDPG, Make
 
-pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here", "empty_figures")]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("here")]
 
 
 def test_the_best_of_each_family_is_swept(

@@ -1,4 +1,4 @@
-"""A cell that is run again to check it: what is the same, what differs."""
+"""The command, and a cell that is run again to check it: what is the same, what differs."""
 
 import json
 from collections.abc import Callable
@@ -12,7 +12,8 @@ from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cells_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.run_study import reproduce_cell
-from tests.evaluation.study.conftest import Make
+from tests.evaluation.study.conftest import BC, Make
+from tests.support.command_line import run
 
 pytestmark = pytest.mark.usefixtures("here")
 
@@ -46,3 +47,16 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     other = reproduce_cell(folder, progress=False)
     assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
     assert "by at most 0.5 (only one run defines 1 of them)" in other.sentence()
+
+
+def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path) -> None:
+    file, folders = tmp_path / "study.yaml", ("--out", tmp_path / "o", "--work", tmp_path / "w")
+    file.write_text(make_study(algorithms={"bc": BC}, seeds=[0]).to_yaml())
+    assert str(tmp_path / "o" / "report.md") in run("study", file, *folders)
+    assert "are the same" in run("study", file, *folders[2:], "--check", "bc/coop_nav-tiny-v0")
+    assert str(tmp_path / "o" / "report.md") in run("study", tmp_path / "o")
+    assert "--only: it has no effect" in run("study", tmp_path / "o", "--only", "bc/*", code=2)
+    file.write_text(make_study(algorithms={"bc": BC}, seeds=[0], episodes=3).to_yaml())
+    assert "--again to delete these cells" in run("study", file, *folders, code=1)
+    file.write_text(f"{file.read_text()}seed: 1\n")
+    assert "Did you mean 'seeds'" in run("study", file, *folders, code=1)
