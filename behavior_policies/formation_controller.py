@@ -34,7 +34,6 @@ class SlotPaths(NamedTuple):
 
     @classmethod
     def of(cls, task: Formation) -> Self:
-        """The constants of a task."""
         spec, columns = task.spec, [column.name for column in task.extras]
         return cls(
             radii=np.array([robot.radius for robot in spec.robots]),

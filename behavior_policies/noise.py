@@ -78,7 +78,6 @@ class Controller(ABC):
         self._seeds[copies], self._has_begun[copies] = step.seeds[copies], True
 
     def act(self, step: Step) -> Float:
-        """Returns joint actions, see `interfaces.Policy.act`."""
         if self.has_memory and not (
             self._has_begun.all() and np.array_equal(self._seeds, step.seeds)
         ):

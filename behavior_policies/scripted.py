@@ -39,7 +39,6 @@ class Scripted(Controller):
         self._navigator = Navigator(spec)
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`."""
         super().reset(step, copies)
         self._navigator.reset(step, copies)
 

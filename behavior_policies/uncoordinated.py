@@ -24,7 +24,6 @@ class Deaf:
         self._is_message = np.array([name.startswith(MESSAGE_PREFIX) for name in names])
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Starts an episode of the team in `copies`."""
         self._team.reset(self._unheard(step), copies)
 
     def act(self, step: Step) -> Float:

@@ -108,7 +108,6 @@ class BC(OfflineLearner):
 
 
 def _make_actor(setup: Setup, config: BCConfig) -> StackedActor | RecurrentActor | ChoiceActor:
-    """Makes the actors of K seeds."""
     if not setup.sizes.choices:
         return make_actor(
             setup, config.hidden, config,

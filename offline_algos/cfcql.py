@@ -105,7 +105,6 @@ class CFCQL(LossActorCritic):
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> RobotView:
-        """Returns x, what the critics see of a batch besides actions."""
         return self.critics.view(batch.states, batch.observations)
 
     def critic_loss(self, batch: Batch, x: RobotView) -> Loss:

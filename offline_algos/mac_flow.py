@@ -110,7 +110,6 @@ class MACFlowConfig(FlowSettings, ActorCriticConfig):
     clip_target: bool = True
 
     def __post_init__(self) -> None:
-        """Checks what settings mean together."""
         if self.policy_network != "mlp":
             raise SchemaError(
                 f"policy_network is {self.policy_network!r}, expected 'mlp': one-step actors see "
@@ -150,7 +149,6 @@ class Climb:
 
     @property
     def is_measured(self) -> bool:
-        """Whether the scales are known."""
         return bool(self.slope.all())
 
     @torch.no_grad()
@@ -176,7 +174,6 @@ class Climb:
         return -self.weight * agent_mean((pull * pi).sum(3), alive)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """The scales, as copies."""
         return {"climb_slope": self.slope.clone(), "climb_weight": self.weight.clone()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

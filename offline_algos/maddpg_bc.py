@@ -124,7 +124,6 @@ class MADDPGBC(TwoStageActorCritic):
         self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
 
     def critic_inputs(self, batch: Batch) -> RobotView:
-        """Returns x_i, what the critics see of a batch besides actions."""
         return self.critics.view(batch.states, batch.observations)
 
     def critic_step(self, batch: Batch, x: RobotView, scale: float) -> dict[str, Tensor]:

@@ -106,7 +106,6 @@ class DAgger:
 
     @property
     def progress(self) -> float:
-        """Part of the training that is done, in [0, 1]."""
         return min(1.0, self.frames / self.config.n_steps)
 
     def prepare(self) -> bool:
@@ -114,7 +113,6 @@ class DAgger:
         return False
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors and the statistics of their inputs; CheckpointError if unfit."""
         self.actors.start_from(start, self.seeds, self.worlds.frame)
         return []
 
@@ -138,7 +136,6 @@ class DAgger:
         return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
         self._show_episodes()
 
@@ -155,7 +152,6 @@ class DAgger:
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned and begins new episodes."""
         self.states.load_state_dict(part(state, "states"))
         self.descent.load_state_dict(state)
         restore_collection(self, state)

@@ -195,7 +195,6 @@ class MAPPO:
 
     @property
     def progress(self) -> float:
-        """Part of the training that is done, in [0, 1]."""
         return min(1.0, self.frames / self.config.n_steps)
 
     @property
@@ -212,7 +211,6 @@ class MAPPO:
 
     @property
     def learning_rate(self) -> float:
-        """Current learning rate of Adam."""
         c = self.config
         return c.learning_rate + (c.final_learning_rate - c.learning_rate) * self.progress
 
@@ -226,15 +224,9 @@ class MAPPO:
 
     @staticmethod
     def settings_of(start: OfflineStart, features: Sequence[Feature]) -> dict[str, str]:
-        """Returns the settings of the run's actors, and `WHEN_STARTED`."""
         return actor_settings(start, features) | WHEN_STARTED
 
     def start_from(self, start: OfflineStart) -> list[str]:
-        """Takes over actors and the statistics of their inputs.
-
-        Raises:
-            CheckpointError: the actors do not fit.
-        """
         if self.config.start != StartConfig():
             raise SpecError(
                 f"the settings start.* name other policies or a teacher, but training starts from "
@@ -363,7 +355,6 @@ class MAPPO:
         return self.actors.policy(index, self.worlds.frame)
 
     def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
         self._forget(np.ones(self._carried_noise.shape[:2], np.bool_))
 
@@ -377,7 +368,6 @@ class MAPPO:
         }
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned and begins new episodes."""
         self.actor_descent.load_state_dict(state)
         self.critic_descent.load_state_dict(state)
         self.critic.scale.moments = state["scale"].numpy().copy()

@@ -47,7 +47,6 @@ class QMIXLearner(VDNLearner):
         super().__init__(sizes, seeds, config, self.mixer.network)
 
     def mix(self, values: Tensor, x: Tensor, network: StackedMLP | None = None) -> Tensor:
-        """Returns f of robots' values, [K, J, B] of [K, J, B, N], by x, [K, B, X]."""
         k, n_critics = values.shape[:2]
         mixed = self.mixer(values.flatten(0, 1), x.repeat_interleave(n_critics, 0), network)
         return mixed.view(k, n_critics, -1)

@@ -124,7 +124,6 @@ class Navigator:
         self._maps = EpisodeMaps(spec, spec.n_agents, float(self._team.radii.max()))
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`."""
         self._maps.reset(step, copies)
 
     def commands(

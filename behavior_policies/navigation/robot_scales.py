@@ -33,7 +33,6 @@ class Team(NamedTuple):
 
     @classmethod
     def of(cls, spec: TaskSpec) -> Self:
-        """The constants of a spec's robots."""
         limits, control_dt = limits_of(spec), spec.control_dt
         stopping_times = limits[:, SPEED] / limits[:, ACCELERATION] + control_dt
         radii = np.array([robot.radius for robot in spec.robots])

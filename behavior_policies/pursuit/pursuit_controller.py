@@ -83,7 +83,6 @@ class PursuitController(Scripted):
         self._beliefs, self._plans = blank_beliefs(0, *self._sizes), blank_plans(0, *self._sizes)
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`, and forgets what their robots had in mind."""
         super().reset(step, copies)
         if len(step.seeds) != len(self._beliefs.ages):
             self._beliefs = blank_beliefs(len(step.seeds), *self._sizes)

@@ -318,7 +318,6 @@ class SearchController(Scripted):
         self._notes = self._blank(0)
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`, and forgets what their robots had in mind."""
         super().reset(step, copies)
         if len(step.seeds) != len(self._notes.looked_at):
             self._notes = self._blank(len(step.seeds))

@@ -75,7 +75,6 @@ class TagController(Controller):
         self._headings: Double = np.zeros((0, 2))
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`, and forgets what their robots had in mind."""
         super().reset(step, copies)
         self._pursuers.reset(self._as_pursuit(step), copies)
         if len(step.seeds) != len(self._are_alarmed):

@@ -38,7 +38,6 @@ class PushSetup(NamedTuple):
 
     @classmethod
     def of(cls, spec: TaskSpec, payload: Payload) -> Self:
-        """The constants of a spec."""
         radii = np.array([robot.radius for robot in spec.robots])
         robot_force = min(robot.max_acceleration for robot in spec.robots)
         reach = payload_radius(payload)

@@ -221,7 +221,6 @@ class TransportController(Controller):
         self._memory: Int = np.zeros((0, FIRST_SLOT + spec.n_agents), dtype=np.int64)
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Maps the layouts of `copies`, and forgets their faces and slots."""
         super().reset(step, copies)
         self._maps.reset(step, copies)
         self._maps.forget_paths(copies)  # the payload's goal may be another

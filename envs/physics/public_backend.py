@@ -136,7 +136,7 @@ def build_space(
     """
     spec = plan.spec
     space = pymunk.Space()
-    leave_at_exit(space)
+    _SPACES.add(space)
     space.collision_slop = COLLISION_SLOP
     space.iterations = SOLVER_ITERATIONS
     space.damping = 1.0  # drag is part of the robots, not of the world
@@ -267,11 +267,7 @@ def _read(bodies: Sequence[pymunk.Body], robots: Double, movables: Double) -> No
 
 
 _SPACES: WeakSet[pymunk.Space] = WeakSet()
-
-
-def leave_at_exit(space: pymunk.Space) -> None:
-    """Leaves a space, with all that is in it, to the process if it outlives the interpreter."""
-    _SPACES.add(space)
+"""Left, with all that is in them, to the process if they outlive the interpreter."""
 
 
 @atexit.register

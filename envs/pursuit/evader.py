@@ -80,7 +80,6 @@ class EvaderModel(NamedTuple):
 
     @classmethod
     def of(cls, spec: TaskSpec, rules: PursuitRules) -> Self:
-        """The constants of a spec's evaders."""
         top = max(robot.max_speed for robot in spec.robots)
         return cls(
             rules.speed_ratio * top, rules.evader_radius, rules.capture_radius, top,

@@ -58,7 +58,6 @@ class Canvas:
         self._image, self._pen = image, PIL.ImageDraw.Draw(image, "RGBA")
 
     def copy(self) -> "Canvas":
-        """Returns an independent canvas with the same content."""
         twin = copy(self)
         twin._use(self._image.copy())
         return twin
@@ -72,7 +71,6 @@ class Canvas:
         return max(_SUPERSAMPLING_FACTOR, round(width * self.scale))
 
     def point(self, x: float, y: float) -> tuple[float, float]:
-        """Returns the pixel coordinates of a point."""
         return (x - self._left) * self.scale, (self._top - y) * self.scale
 
     def _points(self, places: Double) -> list[tuple[float, float]]:

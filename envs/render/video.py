@@ -215,7 +215,6 @@ class Picture:
     format: Literal["png", "gif"]
 
     def __repr__(self) -> str:
-        """Returns format and size instead of bytes."""
         return f"Picture({self.format}, {len(self.data)} bytes)"
 
     def _repr_png_(self) -> bytes | None:
@@ -226,7 +225,6 @@ class Picture:
         return f'<img alt="a world" src="data:image/{self.format};base64,{text}">'
 
     def save(self, path: Path) -> None:
-        """Writes the encoded image to a file."""
         write_file(Path(path), self.data)
 
 

@@ -37,7 +37,6 @@ class Columns(NamedTuple):
 
     @classmethod
     def of(cls, n_agents: int, n_victims: int, n_cells: int) -> Self:
-        """Returns the columns of a team, its victims and its squares."""
         first = N_COLUMNS * n_agents
         rescued = first + 2 * n_victims
         known = rescued + n_victims

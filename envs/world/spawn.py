@@ -47,7 +47,6 @@ class SpawnPlan(NamedTuple):
 
     @classmethod
     def of(cls, spec: TaskSpec) -> "SpawnPlan":
-        """Returns the plan of a spec."""
         s, robots = spec.spawn, spec.robots
         return cls(
             sizes=size_table(spec),

@@ -62,7 +62,6 @@ class CopyBlock:
         self._scoring = ArgumentBlock(scoring, SCORING)
 
     def compile_physics(self, blank: Step) -> None:
-        """See `TaskEnv.compile_physics`."""
         nothing = np.arange(0)
         self._world.reset(nothing, nothing.astype(np.uint64), blank.layouts, blank.states)
         self._world.advance(blank)
@@ -224,7 +223,6 @@ class TaskEnv:
         self._maker = StepMaker(self._blank)
 
     def __repr__(self) -> str:
-        """Shows how many copies of what this is."""
         team = f"{self.spec.n_agents} robots, {self.observation_size} features each"
         size = f"{self.n_copies} copies, {team}, at most {self.spec.horizon} steps"
         return f"<{type(self).__name__} {self.spec.task}: {size}>"
@@ -299,7 +297,6 @@ class TaskEnv:
         return now
 
     def close(self) -> None:
-        """Ends the threads, if there are several; see `interfaces.VecEnv.close`."""
         self._threads.close()
 
     def _divide(self, step: Step) -> list[Step]:

@@ -62,7 +62,6 @@ class Actors:
         self.input_mean, self.input_std = start.moments(len(seeds))[:2]
 
     def copy(self) -> "Actors":
-        """Returns actors with equal weights in memory of their own."""
         twin = copy(self)
         twin.network = self.network.clone()
         twin.input_mean, twin.input_std = self.input_mean.copy(), self.input_std.copy()

@@ -196,7 +196,6 @@ class OffPolicy(ABC):
         return batch
 
     def normalized(self, batch: Batch) -> Batch:
-        """Returns a batch with normalized observations and states."""
         normal = SeedNormalizer(self.moments)
         return replace(
             batch,
@@ -212,7 +211,6 @@ class OffPolicy(ABC):
         return mean, std
 
     def restart_worlds(self) -> None:
-        """Begins new episodes everywhere, as loading a state does."""
         self.worlds.restart()
 
     def state_dict(self) -> dict[str, Tensor]:
@@ -230,7 +228,6 @@ class OffPolicy(ABC):
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned, and begins new episodes."""
         own = part(state, "collector")
         self.replay.load_state_dict(part(own, "replay"))
         self.frames = int(own["frames"])

@@ -100,7 +100,6 @@ class Worlds:
         return {"episodes": torch.from_numpy(self._episodes.copy())}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned and begins new episodes."""
         self._episodes = state["episodes"].numpy().copy()
         self.restart()
 

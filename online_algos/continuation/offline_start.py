@@ -54,7 +54,6 @@ class OfflineStart:
 
     @property
     def name(self) -> str:
-        """The run's folder, for messages."""
         return self.source.folder
 
     @property
@@ -64,7 +63,6 @@ class OfflineStart:
 
     @property
     def discount(self) -> float:
-        """Discount of the run's values."""
         return float(self.run.config["discount"])
 
     @property

@@ -60,7 +60,6 @@ class StoredStates(LabelledStates):
         return {"checksums": torch.tensor(self._checksums, dtype=torch.int64)}
 
     def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
-        """Restores what `state_dict` returned, from the files that it left."""
         checksums = state["checksums"].tolist()
         for k, expected in enumerate(checksums):
             rows = slice(k * self._n_samples, (k + 1) * self._n_samples)

@@ -24,13 +24,9 @@ from swarmdata.types import Float, Int, Step
 class Teacher(Protocol):
     """What is cloned: policies, and teams that are only needed for labels."""
 
-    def reset(self, step: Step, copies: Int) -> None:
-        """Clears the memory of `copies`; see `interfaces.Policy.reset`."""
-        ...
+    def reset(self, step: Step, copies: Int) -> None: ...
 
-    def act(self, step: Step) -> Float:
-        """Returns joint actions; see `interfaces.Policy.act`."""
-        ...
+    def act(self, step: Step) -> Float: ...
 
 
 @dataclass(frozen=True)

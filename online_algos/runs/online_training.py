@@ -65,7 +65,6 @@ class OnlineRun(Description):
 
     @property
     def n_steps(self) -> int:
-        """Joint steps that each seed takes."""
         return int(self.config["n_steps"])
 
     def build(

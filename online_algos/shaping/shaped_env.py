@@ -133,7 +133,6 @@ class ShapedEnv:
         self._current_step: Step | None = None
 
     def reset(self, seeds: Seeds, copies: Int | None = None) -> Step:
-        """Starts the episodes `seeds` in `copies`; see `interfaces.VecEnv.reset`."""
         step = self.env.reset(seeds, copies)
         if self._current_step is not None and copies is not None:
             rewards = self._current_step.rewards.copy()  # the other copies keep theirs
@@ -154,7 +153,6 @@ class ShapedEnv:
         return self._current_step
 
     def close(self) -> None:
-        """Closes the copies."""
         self.env.close()
 
 

@@ -25,7 +25,6 @@ class Moments:
 
     @classmethod
     def of(cls, entry: StatisticsEntry) -> "Moments":
-        """Those of a manifest."""
         return cls(
             observation_mean=np.array(entry.observation_mean),
             observation_std=np.array(entry.observation_std),

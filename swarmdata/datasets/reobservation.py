@@ -64,7 +64,6 @@ class Reobservation:
 
     @property
     def recorded_task(self) -> TaskSpec:
-        """The task as it was recorded."""
         return task_of(self.recorded.recipe, "a reobservation")
 
     @property

@@ -35,7 +35,6 @@ class SlotKind:
 
     @property
     def n_slots(self) -> int:
-        """Number of slots, M."""
         return len(self.columns)
 
     def index(self) -> Int:

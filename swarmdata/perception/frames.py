@@ -57,7 +57,6 @@ class Frame:
 
     @property
     def n_added(self) -> int:
-        """Number of features that `inputs` adds."""
         return 2 + len(self.closing) + 3 * len(self.heard)
 
     def names(self, names: Sequence[str]) -> tuple[str, ...]:

@@ -66,11 +66,6 @@ def test_batches_hold_the_rows_of_the_parts(
         own = row - part * parts[0].n_steps
         for name in ("observations", "actions", "rewards", "next_states", "terminations"):
             np.testing.assert_array_equal(getattr(batch, name)[place], expected[name][own])
-
-
-def test_windows_are_mixed_too(mixture: Mixture) -> None:
-    batch = next(mixture.sampler(30, horizon=4, seed=1))
-    assert batch.rewards.shape[:2] == batch.mask.shape == (30, 4)
     with pytest.raises(IndexError, match="index -1 to -1"):
         mixture.sampler(4).gather(np.array([-1]))
 
@@ -83,9 +78,6 @@ def test_a_stream_resumes(mixture: Mixture, parts: tuple[Dataset, Dataset]) -> N
     np.testing.assert_array_equal(ours.draw(), theirs.draw())
     with pytest.raises(SchemaError, match="resume with the settings and the data"):
         mix(parts[::-1]).sampler(16, seed=2).load_state_dict(ours.state_dict())
-
-
-def test_a_stream_of_other_segments_does_not_resume(mixture: Mixture) -> None:
     ours, theirs = (mixture.sampler(16, horizon=4, burn_in=steps, seed=2) for steps in (2, 3))
     with pytest.raises(SchemaError, match="'burn_in': 2"):
         theirs.load_state_dict(ours.state_dict())
@@ -134,13 +126,15 @@ def test_only_the_wanted_fields_are_read(mixture: Mixture) -> None:
     np.testing.assert_array_equal(some.episodes, whole.episodes)
 
 
-def test_segments_with_a_burn_in_are_those_of_the_parts(mixture: Mixture) -> None:
-    sampler = mixture.sampler(64, horizon=4, burn_in=2, seed=1)
-    first = mixture.parts[0].sampler(64, horizon=4, burn_in=2, seed=1)
+@pytest.mark.parametrize("burn_in", [None, 2])
+def test_windows_and_segments_are_those_of_the_parts(mixture: Mixture, burn_in: int | None) -> None:
+    sampler, first = (
+        data.sampler(64, horizon=4, burn_in=burn_in, seed=1) for data in (mixture, mixture.parts[0])
+    )
     index = sampler.draw()
     own = index < mixture.parts[0].n_steps
     ours, theirs = sampler.gather(index), first.gather(index[own])
-    assert ours.mask.shape == (64, 6)
+    assert ours.mask.shape == (64, 4 + (burn_in or 0))
     np.testing.assert_array_equal(ours.observations[own], theirs.observations)
     np.testing.assert_array_equal(ours.mask[own], theirs.mask)
 

@@ -41,13 +41,17 @@ class Leaving(ParallelEnv):  # type: ignore[misc]
     def see(self) -> dict[str, Any]:
         return {name: np.array([0, self.rng.random() < 0.1], np.float32) for name in self.agents}
 
+    def judge(self, name: str) -> tuple[float, bool, bool]:
+        """An agent's reward in this step, whether it ends there, and whether it is cut."""
+        has_left = name == "second" and self.time == N_LEFT
+        return -abs(self.taken[name][-1] - GOOD), has_left, self.time == N_STEPS and not has_left
+
     def step(self, actions: dict[str, Any]) -> Any:
         self.time += 1
         for name, action in actions.items():
             self.taken[name].append(float(np.ravel(action)[0]))
-        rewards = {name: -abs(self.taken[name][-1] - GOOD) for name in actions}
-        ends = {name: name == "second" and self.time == N_LEFT for name in actions}
-        cuts = {name: self.time == N_STEPS and not ends[name] for name in actions}
+        judged = {name: self.judge(name) for name in actions}
+        rewards, ends, cuts = ({n: each[k] for n, each in judged.items()} for k in range(3))
         seen = self.see()
         self.agents = [name for name in self.agents if not (ends[name] or cuts[name])]
         return seen, rewards, ends, cuts, {name: {} for name in seen}
@@ -62,17 +66,9 @@ class Tempting(Leaving):
     def see(self) -> dict[str, Any]:
         return {name: np.array([self.time == 0, 0], np.float32) for name in self.agents}
 
-    def step(self, actions: dict[str, Any]) -> Any:
-        self.time += 1
-        for name, action in actions.items():
-            self.taken[name].append(float(np.ravel(action)[0]))
-        tempted = {name: self.time == 1 and self.taken[name][-1] < 0 for name in actions}
-        ends = {name: name == "second" and tempted[name] for name in actions}
-        rewards = {name: 2.0 if ends[name] else 1.0 for name in actions}
-        cuts = dict.fromkeys(actions, self.time == 10)
-        seen = self.see()
-        self.agents = [name for name in self.agents if not (ends[name] or cuts[name])]
-        return seen, rewards, ends, cuts, {name: {} for name in seen}
+    def judge(self, name: str) -> tuple[float, bool, bool]:
+        has_left = name == "second" and self.time == 1 and self.taken[name][-1] < 0
+        return 2.0 if has_left else 1.0, has_left, self.time == 10
 
 
 class Interrupted(Leaving):
@@ -90,18 +86,12 @@ class Interrupted(Leaving):
             name: np.array([self.place[name], self.time == 0], np.float32) for name in self.agents
         }
 
-    def step(self, actions: dict[str, Any]) -> Any:
-        self.time += 1
-        for name, action in actions.items():
-            if self.time == 1:
-                self.taken[name].append(float(np.ravel(action)[0]))
-                self.place[name] = 1.0 if self.taken[name][-1] >= 0 else -1.0
-        rewards = {name: 1.0 if self.place[name] > 0 else 1.5 for name in actions}
-        is_cut = self.place["second"] < 0 and self.rng.random() < 0.5
-        cuts = {name: self.time == 10 or (name == "second" and is_cut) for name in actions}
-        seen = self.see()
-        self.agents = [name for name in self.agents if not cuts[name]]
-        return seen, rewards, dict.fromkeys(actions, False), cuts, {name: {} for name in seen}
+    def judge(self, name: str) -> tuple[float, bool, bool]:
+        if self.time == 1:
+            self.place[name] = 1.0 if self.taken[name][-1] >= 0 else -1.0
+        is_good = self.place[name] > 0
+        is_cut = name == "second" and not is_good and self.rng.random() < 0.5
+        return 1.0 if is_good else 1.5, False, is_cut or self.time == 10
 
 
 def recorded(

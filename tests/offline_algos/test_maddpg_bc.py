@@ -40,17 +40,6 @@ def test_the_policy_gradient_is_that_of_the_written_loss(joint_gradient: str, cr
     assert losses["lambda"].item() == pytest.approx(weight, rel=1e-5)
 
 
-def test_the_warmup_is_behavior_cloning() -> None:
-    """Every update moves the actor, and only then does `policy_delay` count."""
-    algorithm = made(
-        MADDPGBC, n_updates=20, bc_warmup_share=0.1, policy_delay=2, first_rl_weight=1.0
-    )
-    batch = random_batch()
-    keys = [set(algorithm.update(batch)) - {"critic_loss", "q"} for _ in range(5)]
-    warm, moved = {"bc_loss", "density_loss"}, {"bc_loss", "density_loss", "policy_q", "lambda"}
-    assert keys == [warm, warm, set(), moved, set()]
-
-
 def test_gradients_of_seeds_are_clipped_apart() -> None:
     algorithm, batch = made(MADDPGBC, 2, max_grad_norm=0.01), random_batch(2)
     rewards = batch.rewards.clone()

@@ -54,17 +54,6 @@ def test_only_the_value_networks_take_the_value_loss() -> None:
         assert all(gradient is None for gradient in found)
 
 
-@pytest.mark.slow
-def test_values_find_the_soft_maximum_of_constant_critics() -> None:
-    """With Q_i of a known spread, training V_i alone brings the mean of exp(z) to 1."""
-    algorithm, batch = made(OMIGA, temperature=0.1), random_batch(size=256)
-    s, o, a = batch.states, batch.observations, batch.actions
-    for _ in range(400):
-        loss, z = algorithm.value_loss(s, o, a)
-        algorithm.descent.step_of("values", loss, 10.0)
-    assert z.exp().mean().item() == pytest.approx(1.0, abs=0.1)
-
-
 def test_agents_draw_rows_by_weights_of_their_own(monkeypatch: pytest.MonkeyPatch) -> None:
     algorithm, batch = made(OMIGA, effective_share=0.1), random_batch(size=2)
     z = torch.tensor([[[0.0, 9.0], [9.0, 0.0]]])

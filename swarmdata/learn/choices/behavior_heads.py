@@ -83,7 +83,6 @@ class Rule:
 
     @property
     def has_behavior(self) -> bool:
-        """Whether it needs a behavior head."""
         return self.regulariser in ("bc", "bcq")
 
     def act(

@@ -53,7 +53,6 @@ class Choices:
 
     @property
     def n_columns(self) -> int:
-        """Columns of an action, D."""
         return self.values.shape[1]
 
     @property

@@ -63,7 +63,6 @@ class DecompositionConfig(MemorySettings):
 
     @property
     def rule(self) -> Rule:
-        """How robots choose."""
         return Rule(self.regulariser, self.temperature, self.threshold, self.behavior_head)
 
 
@@ -190,7 +189,6 @@ class UtilityNetworks:
         return self.rule.act(utilities.mean(1), log_probs, self.choices)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Parameters, targets and Adam's moments, as copies."""
         return {f"networks.{k}": v for k, v in self.descent.state_dict().items()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:

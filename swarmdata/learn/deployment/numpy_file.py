@@ -150,7 +150,8 @@ class _Program:
 
     def _add(self, node: Node) -> None:
         """Computes a node if it is the same for all inputs, else adds its call."""
-        name = _name_of(node)
+        overload: Any = node.target
+        name = overload.__name__.partition(".")[0]  # such as `add` of `aten.add.Tensor`
         if name == "full_like":
             like, fill = node.meta["val"], node.args[1]
             assert isinstance(fill, int | float)
@@ -178,8 +179,3 @@ class _Program:
         if isinstance(given, list | tuple):
             return [self._named(each) for each in given]
         return given
-
-
-def _name_of(node: Node) -> str:
-    """Such as `add` of `aten.add.Tensor`."""
-    return node.target.__name__.partition(".")[0]  # type: ignore[union-attr]

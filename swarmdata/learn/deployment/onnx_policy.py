@@ -74,7 +74,6 @@ class OnnxPolicy:
         self._memory[copies] = 0.0
 
     def act(self, step: Step) -> Float:
-        """Returns joint actions; see `interfaces.Policy.act`."""
         n_copies, n_robots, n_features = step.observations.shape
         inputs = {"observation": step.observations.reshape(-1, n_features)}
         if self._with_robots:

@@ -79,7 +79,6 @@ class Transitions:
         return self.returns[self.first - torch.arange(len(self.first), device=self.first.device)]
 
     def __len__(self) -> int:
-        """Number of transitions, n."""
         return len(self.rewards)
 
 

@@ -19,7 +19,6 @@ class WindowSettings:
 
     @property
     def has_memory(self) -> bool:
-        """Whether the policy has a memory."""
         return True
 
     def n_windows(self, batch_size: int) -> int:

@@ -37,9 +37,9 @@ def take(values: Tensor, rows: Tensor) -> Tensor:
 
 
 def taken(values: Tensor, rows: Tensor) -> Tensor:
-    """Returns the rows [K, R] of values [K, M, ...], [K, R, ...]."""
-    index = rows.view(*rows.shape, *[1] * (values.ndim - 2))
-    return values.gather(1, index.expand(*rows.shape, *values.shape[2:]))
+    """Returns the rows [K, R] of values [K, M, ...], [K, R, ...]; or [K, R, N], each robot's."""
+    index = rows.view(*rows.shape, *[1] * (values.ndim - rows.ndim))
+    return values.gather(1, index.expand(*rows.shape, *values.shape[rows.ndim :]))
 
 
 def each_field(batch: Batch, change: Callable[[Tensor], Tensor | None]) -> Batch:

@@ -130,7 +130,9 @@ class BehaviorDensity(Descent):
         max_norm: float | None,
     ) -> None:
         self._actor, self._floor = actor, floor
-        self.network = _doubled(actor.network)
+        network = actor.network
+        shape: Any = replace(network.shape, outputs=2 * network.shape.outputs)
+        self.network = type(network)(shape, len(network.flat), network.flat.device)
         initialize(self.network, seeds, DENSITY_STREAM)
         super().__init__({"density": self.network}, len(seeds), learning_rate, max_norm)
 
@@ -165,9 +167,3 @@ class BehaviorDensity(Descent):
         mean, log_std = outputs.chunk(2, -1)
         log_std = log_std.clamp(*LOG_STD_RANGE)
         return mean.tanh().view(actions.shape), log_std.view(actions.shape)
-
-
-def _doubled(network: StackedMLP | StackedSets) -> StackedMLP | StackedSets:
-    """Makes networks of the same kind and sizes with twice as many outputs."""
-    shape: Any = replace(network.shape, outputs=2 * network.shape.outputs)
-    return type(network)(shape, len(network.flat), network.flat.device)

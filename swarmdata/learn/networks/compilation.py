@@ -43,7 +43,6 @@ class Compilation:
     seconds: float = 0.0
 
     def __str__(self) -> str:
-        """One line for users."""
         return f"compiled {self.n_graphs} graphs in {self.seconds:.0f} s"
 
 

@@ -95,7 +95,6 @@ class Critics(CriticEnsemble):
         return self._values(self.online, x, actions)
 
     def target_q(self, x: Tensor, actions: Tensor) -> Tensor:
-        """Returns the values that the slow copies give, as `q`."""
         return self._values(self.target, x, actions)
 
     def _values(self, network: StackedMLP, x: Tensor, actions: Tensor) -> Tensor:
@@ -258,7 +257,6 @@ class RobotCritics(CriticEnsemble):
         return self._values(self.online, view, actions)
 
     def target_q(self, view: RobotView, actions: Tensor, others: Tensor | None = None) -> Tensor:
-        """Returns the values of the slow copies, as `q`; without `others`, of a joint action."""
         return self._values(self.target, view, actions, others)
 
     def first_q(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:

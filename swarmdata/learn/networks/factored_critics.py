@@ -59,7 +59,6 @@ class FactoredCritics(Descent):
         return self.mixer(values, x).view(-1, self.n_critics, x.shape[1])
 
     def target_q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
-        """Returns the Q_tot that the slow copies give, as `q`."""
         x = information(states, observations).repeat_interleave(self.n_critics, 0)
         values = self.agent_values(observations, actions, self.target_utilities).flatten(0, 1)
         return self.mixer(values, x, self.target_mixer).view(-1, self.n_critics, x.shape[1])

@@ -29,7 +29,6 @@ class Standardization:
 
     @classmethod
     def of(cls, statistics: Statistics, device: torch.device | str) -> "Standardization":
-        """That of a dataset's observations."""
         return cls(statistics.observation_mean, statistics.observation_std, device)
 
     def __call__(self, values: Tensor) -> Tensor:

@@ -139,7 +139,6 @@ class Descent:
         backward(loss.sum(), list(self.networks.values()))
 
     def descend(self, scale: float = 1.0) -> None:
-        """Descends one step along the gradients that the networks have."""
         for adam in self._adams.values():
             adam.descend(scale)
 
@@ -149,7 +148,6 @@ class Descent:
             move_target(target, self.networks[name], rate)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Parameters, targets and Adam's moments, as copies."""
         state = {name: network.flat.clone() for name, network in self.networks.items()}
         for name, target in self.targets.items():
             state[f"target_{name}"] = target.flat.clone()

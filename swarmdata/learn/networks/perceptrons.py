@@ -104,7 +104,6 @@ class StackedLayers:
         return [Layer(*(w[::every] for w in present(layer))) for layer in self._frozen]
 
     def backward(self, loss: Tensor) -> None:
-        """Fills `gradient` with that of a scalar loss."""
         backward(loss, [self])
 
     def extract(self, row: int, dtype: torch.dtype, n_rows: int = 1) -> list[Layer]:
@@ -132,7 +131,6 @@ class StackedLayers:
         self.flat.copy_(flat)
 
     def load_layers(self, rows: slice, layers: Sequence[Layer]) -> None:
-        """Replaces the weights of some networks."""
         own = [[part[rows] for part in present(layer)] for layer in self._frozen]
         given = [present(layer) for layer in layers]
         shapes = [[[part.shape for part in layer] for layer in side] for side in (own, given)]
@@ -143,7 +141,6 @@ class StackedLayers:
                 part.copy_(other)
 
     def clone(self) -> Self:
-        """Returns networks with equal parameters in memory of their own."""
         copy = type(self)(self.shape, len(self.flat), self.flat.device)
         copy.flat.copy_(self.flat)
         return copy

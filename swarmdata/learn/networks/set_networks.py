@@ -48,7 +48,6 @@ class SetShape:
         return *phi, MLPShape(n_own + width * len(self.slots.kinds), self.hidden, self.outputs)
 
     def layers(self) -> Iterator[tuple[int, int, bool]]:
-        """Yields inputs, outputs and presence of a LayerNorm, layer by layer."""
         return chain.from_iterable(part.layers() for part in self.perceptrons)
 
 

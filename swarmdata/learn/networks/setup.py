@@ -55,7 +55,6 @@ class Setup:
 
     @property
     def n_seeds(self) -> int:
-        """Number of seeds, K."""
         return len(self.seeds)
 
     def generators(self) -> list[torch.Generator]:

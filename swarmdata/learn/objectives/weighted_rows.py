@@ -105,12 +105,6 @@ def draw(weights: Tensor, n_drawn: int, generators: Sequence[torch.Generator]) -
     return rows.transpose(1, 2)
 
 
-def rows_of_robots(values: Tensor, rows: Tensor) -> Tensor:
-    """Returns each robot's own rows [K, D, N] of values [K, M, N, ...], [K, D, N, ...]."""
-    index = rows.view(*rows.shape, *[1] * (values.ndim - 3))
-    return values.gather(1, index.expand(*rows.shape, *values.shape[3:]))
-
-
 class ScoredRows:
     """The last batches of K seeds and the advantages of their rows, from which actors learn.
 
@@ -160,8 +154,8 @@ class ScoredRows:
     ) -> tuple[Tensor, Tensor]:
         rows = draw(weights, n, self._generators)
         drawn = {
-            "observations": rows_of_robots(batch.observations, rows),
-            "actions": rows_of_robots(batch.actions, rows),
+            "observations": taken(batch.observations, rows),
+            "actions": taken(batch.actions, rows),
             "mask": batch.mask[:, :n],
         }
         steps, outputs = along(replace(batch, **drawn))
@@ -177,10 +171,9 @@ class ScoredRows:
         steps, outputs = along(each_field(batch, lambda values: taken(values, segments)))
         left = taken(by_segment / totals[..., None, None], segments).flatten(1, 2)  # [K, R, N]
         rows = draw(left, left.shape[1], self._generators)
-        return rows_of_robots(steps.actions, rows), rows_of_robots(outputs, rows)
+        return taken(steps.actions, rows), taken(outputs, rows)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """The batches and how many were added, as copies."""
         state = {f"scored_{name}": values.clone() for name, values in self._kept.items()}
         return {"n_scored": torch.tensor(self._n_added), **state}
 

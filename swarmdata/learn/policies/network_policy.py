@@ -52,7 +52,6 @@ class NetworkPolicy:
         self._last = LastMeans[Double]()
 
     def reset(self, step: Step, copies: Int) -> None:
-        """Empties the memory of the copies, if the policy has one."""
         self._policy.reset(step, copies)
 
     def act(self, step: Step) -> Float:

@@ -86,7 +86,6 @@ class Remembering(ABC):
 
     @torch.no_grad()
     def act(self, step: Step) -> Float:
-        """Returns joint actions, float32 [E, N, A], and remembers the step."""
         policy: Any = self  # with `frame` and `parameters`
         features = standard_features(self, self.layers[0], step.observations)
         memory = self._memory.advance(self.layers, features, policy.parameters)

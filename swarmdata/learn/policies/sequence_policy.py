@@ -59,7 +59,6 @@ class SequencePolicy:
 
     @torch.no_grad()
     def act(self, step: Step) -> Float:
-        """Returns joint actions, float32 [E, N, A], and remembers the step."""
         observations = step.observations
         features = standard_features(self, self.layers[EMBED], observations)
         before = self._memory.before(features)[None]

@@ -397,7 +397,6 @@ class SecondStage:
         return slope.clamp(min=1e-6)
 
     def state_dict(self) -> dict[str, Tensor]:
-        """Density, Adam's moments, the slope of values and scored rows, as copies."""
         adam = self._adam.state_dict("extraction_adam.")
         parts = {**self.density.state_dict(), **self._rows.state_dict()}
         return {"extraction_slope": self._slope.clone(), **adam, **parts}

@@ -53,7 +53,6 @@ class Shape:
 
     @property
     def n_rows(self) -> int:
-        """Rows of the ring."""
         return self.capacity + self.margin
 
     @property
@@ -75,7 +74,6 @@ class Replay:
         self._ring = open_map(self.path, shape.array)
 
     def __len__(self) -> int:
-        """Rows that can be drawn from."""
         return min(self.n_written, self.shape.capacity)
 
     def append(self, batch: Batch) -> None:
@@ -143,7 +141,6 @@ class Replay:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Restores what `state_dict` returned, from the ring file that it left."""
         checksums = np.asarray(state["checksums"])
         if checksums.shape != self._checksums.shape:
             raise CheckpointError(

@@ -69,7 +69,6 @@ class Run(Generic[D]):
 
     @property
     def has_checkpoint(self) -> bool:
-        """Whether the run goes on from a checkpoint."""
         return bool(self.metadata)
 
     def table(self, name: str, columns: Sequence[str], who: str = "seed") -> "Table":

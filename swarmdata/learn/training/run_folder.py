@@ -75,7 +75,6 @@ class OfflineRun(Description):
         )
 
     def build(self, statistics: Statistics, device: torch.device | str) -> Algorithm:
-        """Makes the algorithm as it is before its first update."""
         kind = resolve("algorithm", OFFLINE_ALGORITHMS, self.algorithm)
         retired = getattr(kind.Config, "RETIRED", ())  # of older runs, which only act now
         settings = {name: value for name, value in self.config.items() if name not in retired}
@@ -131,7 +130,6 @@ class Loaded:
 
     @property
     def policies(self) -> list[Policy]:
-        """One per seed."""
         return [self.algorithm.policy(index) for index in range(len(self.run.seeds))]
 
 

@@ -178,7 +178,6 @@ class LogUniform:
             raise SchemaError(f"{self}: expected finite ends above 0, the lower one first")
 
     def __contains__(self, value: Any) -> bool:
-        """Whether a setting may have this value."""
         return bool(self.low <= value <= self.high)
 
     def at(self, share: float) -> float:
@@ -194,7 +193,6 @@ class Choice:
     values: tuple[Any, ...]
 
     def __contains__(self, value: Any) -> bool:
-        """Whether a setting may have this value."""
         return value in self.values
 
     def at(self, share: float) -> Any:

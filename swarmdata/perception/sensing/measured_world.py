@@ -105,7 +105,6 @@ class MeasuredWorld:
         return survey.dropout == 0.0 and not has_noise and self._odometry.is_exact
 
     def forget(self, copies: Int) -> None:
-        """Makes the next step of each of these copies the first of an episode."""
         self._odometry.forget(copies)
 
     def localise(self, step: Step, active: Bool) -> Float:

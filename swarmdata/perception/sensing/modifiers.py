@@ -80,7 +80,6 @@ class History:
         self._delay, self._stack = delay, stack
 
     def forget(self, copies: Int) -> None:
-        """Makes the next frame of each of these copies its first."""
         self._counts[copies] = 0
 
     def exchange(self, frame: Float, active: Bool, out: Float) -> None:

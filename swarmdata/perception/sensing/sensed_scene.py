@@ -50,7 +50,6 @@ class Scene(NamedTuple):
 
     @classmethod
     def of(cls, task: Task) -> Self:
-        """Returns the scene of a task."""
         robots, arena = task.spec.robots, task.spec.arena
         shapes = {"circle": CIRCLE, "box": BOX}
         bodies = [(shapes[p.shape], p.half_length, p.half_width) for p in task.movables]

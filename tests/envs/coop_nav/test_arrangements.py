@@ -20,9 +20,9 @@ from tests.envs.worlds import NO_OBSTACLES, arranged, check_places
 KINDS = ("swap", "doorway", "corridor")
 
 
-def spec_of(kind: str, n: int, **changes: Any) -> TaskSpec:
+def spec_of(kind: str, n: int, goals: str = "assigned", **changes: Any) -> TaskSpec:
     arrangement = {"kind": kind, **changes.pop("arrangement", {})}
-    rules = {"task": "coop_nav", "arrangement": arrangement}
+    rules = {"task": "coop_nav", "arrangement": arrangement, "goals": goals}
     return TaskSpec.parse(
         {"rules": rules, "team": [{"count": n}], "obstacles": NO_OBSTACLES, **changes}
     )
@@ -119,31 +119,6 @@ def test_the_circle_needs_no_sine(n: int) -> None:
     np.testing.assert_allclose(unit_circle(n), expected, atol=1e-14)
 
 
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        (spec_of("swap", 30), "neighbours on the circle"),
-        (spec_of("swap", 4, arrangement={"circle_radius": 1.9}), "reaches"),
-        (spec_of("swap", 4, arrangement={"circle_radius": 0.6}), "min_goal_distance"),
-        (spec_of("doorway", 4, arrangement={"width": 0.3}), "at least 0.34 m for 1 robots"),
-        (spec_of("corridor", 4, arrangement={"width": 0.5}), "at least 0.58 m for 2 robots"),
-        (spec_of("doorway", 4, arrangement={"width": 4.5}), "less than the arena's height"),
-        (spec_of("corridor", 40), "do not fit beside"),
-        (spec_of("corridor", 4, arrangement={"length": 3.9}), "do not fit beside"),
-    ],
-)
-def test_what_cannot_be_arranged_is_refused(spec: TaskSpec, message: str) -> None:
-    with pytest.raises(SpecError, match=message):
-        make_task(spec)
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_robots_that_swap_places_have_assigned_goals(kind: str) -> None:
-    rules = {"task": "coop_nav", "goals": "unassigned", "arrangement": {"kind": kind}}
-    with pytest.raises(SpecError, match="start on goals"):
-        make_task(spec_of(kind, 4, rules=rules))
-
-
 LANES = preset("coop_nav-lanes")
 HALF = np.array([3.0, 1.5])
 
@@ -175,6 +150,15 @@ def test_teams_start_behind_each_other_out_of_sight_and_swap_ends(n: int) -> Non
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
+        (spec_of("swap", 30), "neighbours on the circle"),
+        (spec_of("swap", 4, arrangement={"circle_radius": 1.9}), "reaches"),
+        (spec_of("swap", 4, arrangement={"circle_radius": 0.6}), "min_goal_distance"),
+        (spec_of("doorway", 4, arrangement={"width": 0.3}), "at least 0.34 m for 1 robots"),
+        (spec_of("corridor", 4, arrangement={"width": 0.5}), "at least 0.58 m for 2 robots"),
+        (spec_of("doorway", 4, arrangement={"width": 4.5}), "less than the arena's height"),
+        (spec_of("corridor", 40), "do not fit beside"),
+        (spec_of("corridor", 4, arrangement={"length": 3.9}), "do not fit beside"),
+        *((spec_of(kind, 4, "unassigned"), "start on goals") for kind in KINDS),
         (
             arranged(LANES, {"width": 0.3}),
             r"width is 0\.3 m, expected at least 0\.34 m and less than 0\.48",
@@ -195,6 +179,6 @@ def test_teams_start_behind_each_other_out_of_sight_and_swap_ends(n: int) -> Non
         ),
     ],
 )
-def test_lanes_that_do_not_fit_are_refused(spec: TaskSpec, message: str) -> None:
+def test_what_cannot_be_arranged_is_refused(spec: TaskSpec, message: str) -> None:
     with pytest.raises(SpecError, match=message):
         make_task(spec)

@@ -9,14 +9,12 @@ from swarmdata.envs.pursuit.sightings import (
     UNKNOWN,
     Columns,
     Sighting,
-    aim,
     pursuit_columns,
     remember,
     sighting,
 )
 from swarmdata.numerics.geometry import CIRCLE
 from swarmdata.registry.presets import preset
-from swarmdata.specs.state_layout import TX, TY
 from swarmdata.types import Float
 
 NOTHING = np.zeros((0, 8), np.float32)
@@ -76,24 +74,6 @@ def test_robots_that_see_everything_know_the_present() -> None:
     assert sighting(state, 1, 1, FULL) == Sighting(FREE, 3.0, 0.0, 0.0, 0.0, 0.0)
     state[FULL.captured + 1] = 1.0
     assert sighting(state, 1, 1, FULL).status == CAPTURED
-
-
-@pytest.mark.parametrize("columns", [LIMITED, FULL])
-def test_a_target_is_the_nearest_free_evader_or_where_the_robot_is(columns: Columns) -> None:
-    state = state_of(columns)
-    for _ in range(2):
-        remember(state, 1, NOTHING, 9.0, 0.1, columns)
-        assert aim(state, 1, columns)
-        assert state[8 + TX : 8 + TY + 1].tolist() == [state[columns.places], 0.0]
-        state[columns.places] = 1.5
-    state[columns.captured] = 1.0
-    remember(state, 1, NOTHING, 9.0, 0.1, columns)
-    assert aim(state, 1, columns)
-    assert state[8 + TX : 8 + TY + 1].tolist() == [3.0, 0.0]
-    state[columns.captured + 1] = 1.0
-    remember(state, 1, NOTHING, 9.0, 0.1, columns)
-    assert not aim(state, 1, columns)
-    assert state[8 + TX : 8 + TY + 1].tolist() == [0.0, 1.0]
 
 
 @pytest.mark.parametrize(("name", "columns"), [("pursuit-sight", 3), ("pursuit-n6", 6)])

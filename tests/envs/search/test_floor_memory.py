@@ -4,13 +4,10 @@ import numpy as np
 import pytest
 
 from swarmdata.envs.search.floor_memory import (
-    RESCUED,
-    WAITING,
     Columns,
     cell_middles,
     close_cells,
     find_unsearched,
-    knows_victim,
     look,
 )
 from swarmdata.envs.search.search_rules import SearchRules
@@ -52,21 +49,6 @@ def test_a_square_is_searched_once_its_middle_is_seen(
     assert state[first : first + 3].tolist() == searched
     assert not state[first + 3 :].any()  # the other robot has seen nothing
     assert look(state, 0, layout, MIDDLES, sight_range, COLUMNS) == (0, 0)
-
-
-def test_a_robot_learns_of_a_rescue_by_seeing_it() -> None:
-    state = state_of((0.0, 0.0), (0.2, 0.0), victim=(0.9, 0.0))
-    assert look(state, 0, WALL, MIDDLES, 1.5, COLUMNS)[0] == 0  # hidden
-    assert look(state, 0, NOTHING, MIDDLES, 1.5, COLUMNS)[0] == 1
-    assert state[COLUMNS.known : COLUMNS.searched].tolist() == [WAITING, 0]
-    assert [knows_victim(state, i, 0, COLUMNS) for i in range(2)] == [True, False]
-    state[COLUMNS.rescued] = 1.0
-    assert look(state, 0, WALL, MIDDLES, 1.5, COLUMNS)[0] == 0
-    assert knows_victim(state, 0, 0, COLUMNS)
-    assert look(state, 0, NOTHING, MIDDLES, 1.5, COLUMNS)[0] == 0
-    assert state[COLUMNS.known] == RESCUED
-    assert look(state, 1, NOTHING, MIDDLES, 1.5, COLUMNS)[0] == 1  # it sees it for the first time
-    assert not knows_victim(state, 1, 0, COLUMNS)
 
 
 def test_squares_that_nobody_can_reach_are_closed() -> None:

@@ -5,9 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
-from torch import Tensor
 
 from swarmdata.errors import SchemaError
 from swarmdata.learn.choices import bins
@@ -22,20 +19,6 @@ def test_bins_are_even_and_symmetric() -> None:
     assert bins.bin_values(2).tolist() == [-1.0, 1.0]
     with pytest.raises(SchemaError, match="got 1 bins"):
         bins.bin_values(1)
-
-
-def interpolated(utilities: Tensor, actions: Tensor) -> Tensor:
-    """Q_i of continuous actions, as value decomposition has it."""
-    return (bins.two_hot(actions, utilities.shape[-1]) * utilities).sum(-1).mean(-1)
-
-
-@given(st.integers(2, 17), st.integers(0, 999))
-def test_no_action_beats_the_best_choice(n_bins: int, seed: int) -> None:
-    generator = torch.Generator().manual_seed(seed)
-    utilities = torch.randn(50, 2, n_bins, generator=generator)
-    actions = torch.rand(50, 2, generator=generator) * 3 - 1.5
-    best = bins.chosen(utilities, utilities.argmax(-1))
-    assert (interpolated(utilities, actions) <= best + 1e-5).all()
 
 
 def made(parameters: Any = "shared", frame: Frame | None = None) -> BinPolicy:

@@ -61,17 +61,6 @@ def test_samples_stay_in_range() -> None:
     assert flow.sample(drawn(K, 50, SIZES.information), drawn(K, 50, 2, 2)).abs().max() == 1
 
 
-@pytest.mark.parametrize("of", ["noise", "observation"])
-def test_every_robots_part_depends_on_what_is_of_any_robot(of: str) -> None:
-    flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
-    before = flow.sample(x, z)
-    if of == "noise":
-        z[:, :, 1] += 1.0
-    else:
-        x[..., -3:] += 1.0
-    assert (flow.sample(x, z) != before).any(3).all()
-
-
 @pytest.mark.parametrize(("hidden", "n_steps"), [((), 3), ((8,), 0)])
 def test_a_flow_needs_a_hidden_layer_and_a_step(hidden: tuple[int, ...], n_steps: int) -> None:
     with pytest.raises(SchemaError, match="at least one of each"):

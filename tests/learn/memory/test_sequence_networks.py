@@ -51,30 +51,6 @@ def forward(tokens: Any, told: Any, mask: Any, hears: Any = None) -> Any:
     return decide(LAYERS, known, told.flatten(1, 2), hears, H).view(K, B, L, N, -1)
 
 
-def changed_by(place: tuple[Any, ...], *, of_told: bool = False) -> set[tuple[int, int]]:
-    """Steps and robots whose outputs in window 0 change with the inputs at a place."""
-    tokens, told, mask = inputs()
-    before = forward(tokens, told, mask)
-    (told if of_told else tokens)[:, 0][(slice(None), *place)] += 1.0
-    after = forward(tokens, told, mask)
-    assert torch.equal(before[:, 1:], after[:, 1:])  # other windows
-    different = (before != after)[:, 0].any(0).any(-1)
-    return {(int(t), int(i)) for t, i in different.nonzero()}
-
-
-def test_a_robot_sees_its_past_and_the_robots_before_it_and_nothing_else() -> None:
-    """By hand: what robot 1 observes in step 2 reaches itself and robots 2 and 3, from then on."""
-    assert changed_by((2, 1)) == {(t, i) for t in (2, 3, 4) for i in (1, 2, 3)}
-    assert changed_by((4, 3)) == {(4, 3)}  # the last robot in the last step
-    assert len(changed_by((0, 0))) == L * N
-
-
-def test_a_told_action_reaches_its_hearer_in_the_same_step_only() -> None:
-    assert changed_by((2, 3, 1), of_told=True) == {(2, 3)}
-    assert changed_by((2, 1, 1), of_told=True) == set()  # nobody is told its own action,
-    assert changed_by((2, 1, 3), of_told=True) == set()  # nor that of a robot after it
-
-
 def test_robots_that_hear_nobody_act_alone() -> None:
     tokens, told, mask = inputs()
     deaf = torch.zeros(N, N, dtype=torch.bool)
@@ -94,26 +70,6 @@ def test_padding_is_not_recalled() -> None:
     assert torch.equal(before[:, :, 2:], after[:, :, 2:])
     alone = forward(tokens[:, :, 2:].repeat(1, 1, 2, 1, 1)[:, :, :L], told, torch.ones_like(mask))
     torch.testing.assert_close(alone[:, 0, : L - 2, 0], after[:, 0, 2:, 0])  # whom nobody tells
-
-
-def test_weights_of_retention_by_hand() -> None:
-    """Queries, keys and values of one: what is left are the sums of the decays, by head."""
-    layers = list(LAYERS)
-    layers[0] = layers[0]._replace(
-        weight=torch.zeros_like(layers[0].weight), bias=torch.ones_like(layers[0].bias)
-    )
-    layers[1] = layers[1]._replace(
-        weight=torch.zeros_like(layers[1].weight), bias=torch.ones_like(layers[1].bias)
-    )
-    tokens, _, mask = inputs()
-    mask[:, 0, 0] = False
-    _, recalled = over_window(layers, tokens, mask, H)
-    size = SHAPE.width // H
-    for window, first in ((0, 1), (1, 0)):
-        for head, gamma in ((0, 0.5), (1, 0.75)):
-            found = recalled[0, window, 3, 0, head * size]
-            sums = sum(gamma ** (3 - s) for s in range(first, 4))
-            assert found.item() == pytest.approx((1 - gamma) * math.sqrt(size) * sums, rel=1e-6)
 
 
 def test_the_last_robot_alone_decides_as_among_all() -> None:

@@ -55,19 +55,8 @@ def linear() -> LinearMixer:
 
 def test_the_linear_mixer_by_hand() -> None:
     mixer, (values, states) = linear(), drawn(4)
+    states *= 30  # some weights would be negative
     raw = mixer.network(states)[0, 7]
+    assert raw[:3].min() < -1
     expected = ((1 + raw[:3]).abs() / 3 * values[0, 7]).sum() + raw[3]
     torch.testing.assert_close(mixer(values, states)[0, 7], expected)
-
-
-@given(seed=st.integers(0, 999), robot=st.integers(0, 2), rise=st.floats(0, 10))
-def test_linear_weights_are_never_negative_and_say_what_a_rise_is_worth(
-    seed: int, robot: int, rise: float
-) -> None:
-    mixer, (values, states) = linear(), drawn(seed)
-    weights, _ = mixer.weights(10 * states)
-    assert weights.min() >= 0
-    higher = values.clone()
-    higher[..., robot] += rise
-    gain = mixer(higher, 10 * states) - mixer(values, 10 * states)
-    torch.testing.assert_close(gain, rise * weights[..., robot], rtol=1e-4, atol=1e-3)
