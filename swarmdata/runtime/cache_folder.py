@@ -1,4 +1,4 @@
-"""The cache folder of this machine."""
+"""What the environment says: where the cache is, and whether the network may be used."""
 
 import os
 from pathlib import Path
@@ -8,6 +8,15 @@ from platformdirs import user_cache_path
 from swarmdata.errors import DatasetNotFoundError
 
 MANIFEST = "manifest.json"  # the file in a folder that makes it a finished dataset
+
+OFFLINE_VARIABLES = ("SWARMDATA_OFFLINE", "HF_HUB_OFFLINE")
+"""Variables of the environment that keep `load` from asking remotes."""
+
+
+def offline_variable() -> str | None:
+    """The first of `OFFLINE_VARIABLES` that is set to 1, on, yes or true; None: none is."""
+    words = {name: os.environ.get(name, "").strip().upper() for name in OFFLINE_VARIABLES}
+    return next((name for name in words if words[name] in ("1", "ON", "YES", "TRUE")), None)
 
 
 def cache_folder() -> Path:

@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal, cast
 
 from swarmdata.errors import AddressError, DatasetNotFoundError, SpecError, UnknownNameError
-from swarmdata.hub.offline import offline_variable
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, versions_of
 from swarmdata.runtime.atomic import is_vacant
-from swarmdata.runtime.cache_folder import cache_folder
+from swarmdata.runtime.cache_folder import cache_folder, offline_variable
 from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.outside_names import is_address, is_folder, is_id, looks_like_path
 from swarmdata.specs.origins import parse_origin

@@ -31,13 +31,13 @@ from swarmdata.hub.catalog.request import (
     request_of_recipe,
     shipped_recipe,
 )
-from swarmdata.hub.offline import OFFLINE_VARIABLES
 from swarmdata.hub.remotes.addresses import Address, configured_remotes, open_remote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.hub.remotes.pull_dataset import Refusal, pull, refuse_current_folder
 from swarmdata.hub.remotes.release_lookup import locate
 from swarmdata.registry.recipes import shipped_recipes
 from swarmdata.runtime.atomic import is_vacant, put_in_place, sync
+from swarmdata.runtime.cache_folder import OFFLINE_VARIABLES
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.outside_names import is_id
 from swarmdata.specs.origins.edit_origin import Edit

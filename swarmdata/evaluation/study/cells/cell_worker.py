@@ -92,22 +92,25 @@ def run_cell(cell: Cell, folder: Path, report: Report = lambda amount: None) -> 
         write_file(folder / DONE_FILE, json.dumps(done, indent=1).encode())
 
 
+def _open(cell: Cell) -> tuple[Dataset | Mixture, Dataset | Mixture, str]:
+    """The dataset, the same with the rewards to learn from, and its digest as cells have it."""
+    models = {"observation": cell.observation, "communication": cell.communication}
+    if cell.parts:
+        mixture = open_mixture(cell.parts, **models)
+        parts = (part.digest for part in mixture.parts)
+        return mixture, mixture, joint_digest(parts, cell.parts.values())
+    dataset = open_dataset(cell.source, cell.n_steps, **models)
+    learned, parents = dataset.with_rewards(**cell.rewards), dataset.recipe.parents
+    digest = parents[0].digest if cell.n_steps is not None and parents else dataset.digest
+    if cell.side is None or cell.opponents is None:
+        return dataset, learned, digest
+    find_opponents(cell.opponents, cell.side, dataset.task)  # raises now, not after the training
+    return dataset.side(cell.side), learned.side(cell.side), digest
+
+
 def _train_offline(cell: Cell, run: Path, meter: CostMeter, report: Report) -> None:
     """Trains on the dataset, and keeps only what the policies need."""
-    models = {"observation": cell.observation, "communication": cell.communication}
-    dataset: Dataset | Mixture
-    learned: Dataset | Mixture
-    if cell.parts:
-        dataset = learned = open_mixture(cell.parts, **models)
-        digest = joint_digest((part.digest for part in dataset.parts), cell.parts.values())
-    else:
-        dataset = whole = open_dataset(cell.source, cell.n_steps, **models)
-        learned = whole.with_rewards(**cell.rewards)
-        if cell.side is not None and cell.opponents is not None:
-            find_opponents(cell.opponents, cell.side, whole.task)  # raises now, not after training
-            dataset, learned = whole.side(cell.side), learned.side(cell.side)
-        parents = whole.recipe.parents
-        digest = parents[0].digest if cell.n_steps is not None and parents else whole.digest
+    dataset, learned, digest = _open(cell)
     if digest != cell.digest:
         raise SchemaError(
             f"{cell.source} has digest {digest[:12]}, the study expects {cell.digest[:12]}: it was "

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from swarmdata.errors import HubError
-from swarmdata.hub.offline import offline_variable
+from swarmdata.runtime.cache_folder import offline_variable
 
 T = TypeVar("T")
 
