@@ -33,7 +33,7 @@ from swarmdata.store.arrays.layout import (
     format_version,
     plan_shard,
 )
-from swarmdata.store.arrays.running_moments import RunningMoments
+from swarmdata.store.arrays.running_moments import RunningMoments, present_rows
 from swarmdata.store.arrays.shards import create_metadata, file_digest, write_shard
 from swarmdata.store.manifest import (
     FileEntry,
@@ -290,10 +290,14 @@ def _write(
             "no normalization statistics. Raise n_steps in the recipe."
         )
     moments = {"observations": RunningMoments(), "rewards": RunningMoments()}
-    entries = {}
+    entries, alive = {}, list[Bool]()
     hidden = None if progress else True  # None: hidden where there is no terminal
     for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
-        blocks = _observed(_blocks(source, name, shard.dtype), moments.get(name), train)
+        blocks = _blocks(source, name, shard.dtype)
+        if name == "alive":  # by name, it comes before what is measured
+            blocks = _copied(blocks, alive)
+        elif name in moments:
+            blocks = _observed(blocks, moments[name], train, alive)
         entries[name] = write_shard(folder, name, shard, blocks, logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
     observation_mean, observation_std = moments["observations"].result()
@@ -320,13 +324,23 @@ def _write(
     )
 
 
+def _copied(blocks: Iterator[NDArray[Any]], copies: list[Bool]) -> Iterator[NDArray[Any]]:
+    """Passes blocks on, and adds copies of them to a list."""
+    for block in blocks:
+        copies.append(block.copy())
+        yield block
+
+
 def _observed(
-    blocks: Iterator[NDArray[Any]], moments: RunningMoments | None, train: Bool
+    blocks: Iterator[NDArray[Any]], moments: RunningMoments, train: Bool, alive: Sequence[Bool]
 ) -> Iterator[NDArray[Any]]:
-    """Passes blocks on, and shows those of train episodes to `moments`."""
+    """Passes blocks on, and shows those of train episodes to `moments`.
+
+    `alive` has the agents of each episode; it is empty where they cannot leave.
+    """
     for index, block in enumerate(blocks):
-        if moments is not None and train[index]:
-            moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
+        if train[index]:
+            moments.add(present_rows(block, alive[index] if alive else None))
         yield block
 
 
