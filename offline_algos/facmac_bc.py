@@ -36,7 +36,7 @@ from torch import Tensor
 from swarmdata.learn.networks.factored_critics import FactoredCritics
 from swarmdata.learn.networks.mixers import MIXER_NEEDS, MixerKind, chosen_mixer
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards
-from swarmdata.learn.networks.presence import acting
+from swarmdata.learn.networks.presence import acting, going_on
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, td_error, td_target, team_reward, value_size
 from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
@@ -119,7 +119,7 @@ class FACMACBC(LossActorCritic):
     def targets(self, batch: Batch) -> Tensor:
         """Returns y, [K, B], in units of scaled rewards; draws the smoothing noise."""
         a_next = self.smoothed_actions(batch)
-        o_next = acting(batch.next_observations, batch.next_alive)
+        o_next = acting(batch.next_observations, going_on(batch))
         x_next = self.normalizer(batch.next_states, o_next)
         q_next = self.critics.target_q(*x_next, a_next).amin(1)  # [K, B], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)

@@ -70,7 +70,7 @@ from swarmdata.learn.networks.network_inputs import (
     information,
     normal_like,
 )
-from swarmdata.learn.networks.presence import acting, agent_mean
+from swarmdata.learn.networks.presence import acting, agent_mean, going_on
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -257,8 +257,9 @@ class MACFlow(OfflineLearner):
         """Returns y of every robot, [K, B N], or of the team, [K, B]; draws the noise z'."""
         discount, batch = self.config.discount, view.batch
         z = normal_like(self.generators, batch.actions)
-        a_next = acting(self.copy.actor(self.copy.actor.see_next(view), z), batch.next_alive)
-        s_next, o_next = self.normalizer(batch.next_states, batch.next_observations)
+        stay = going_on(batch)
+        a_next = acting(self.copy.actor(self.copy.actor.see_next(view), z), stay)
+        s_next, o_next = self.normalizer(batch.next_states, acting(batch.next_observations, stay))
         r, critics = self.rewards(batch.rewards), self.critics
         if self.config.reward == "own":
             q_next = critics.agent_values(o_next, a_next, critics.target_utilities).amin(1)

@@ -63,7 +63,7 @@ from swarmdata.learn.networks.critics import (
     others_of,
 )
 from swarmdata.learn.networks.network_inputs import Reward, RobotRewards, normal_like
-from swarmdata.learn.networks.presence import acting, agent_mean
+from swarmdata.learn.networks.presence import acting, agent_mean, going_on
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import cloning_loss, td_error, td_target, value_size
 from swarmdata.learn.policies.torch_policy import SetPolicy, TorchPolicy
@@ -148,7 +148,7 @@ class MADDPGBC(TwoStageActorCritic):
         """
         o_next, config = batch.next_observations, self.config
         a_next = self.actor.smoothed(noise, o_next, config.smoothing, config.smoothing_clip)
-        a_next = acting(a_next, batch.next_alive)
+        a_next = acting(a_next, going_on(batch))
         x_next = self.critics.view(batch.next_states, o_next)
         q_next = self.critics.target_q(x_next, a_next).amin(1)  # [K, B, N], the smaller one
         q_next = q_next.clamp(max=self.rewards.max_value)

@@ -43,7 +43,7 @@ from swarmdata.learn.networks.mixers import LinearMixer
 from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP
-from swarmdata.learn.networks.presence import acting
+from swarmdata.learn.networks.presence import acting, agent_mean, going_on
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.networks.team_networks import Team
 from swarmdata.learn.objectives.losses import cloning_loss, soft_value_loss, td_target, team_reward
@@ -114,8 +114,8 @@ class OMIGA(OfflineLearner):
         scale = self.scale
         s, o = self.normalizer(batch.states, batch.observations)
         y = self.targets(batch)
-        value_loss, z = self.value_loss(s, o, batch.actions)  # [K], [K, B, N]
-        q = self.critics.q(s, o, batch.actions)[:, 0]  # [K, B]
+        value_loss, z = self.value_loss(s, o, batch.actions, batch.alive)  # [K], [K, B, N]
+        q = self.critics.q(s, o, batch.actions, batch.alive)[:, 0]  # [K, B]
         critic_loss = (q - y).square().mean(1)  # [K]
         self.rows.add(batch, z.detach(), batch.alive)
         actions, pi, beta = self.rows.draw(self.actor.along, 1.0)
@@ -129,7 +129,9 @@ class OMIGA(OfflineLearner):
         losses = (critic_loss, value_loss, actor_loss, q.mean(1), z.std((1, 2)), beta)
         return {name: loss.detach() for name, loss in zip(self.LOSSES, losses, strict=True)}
 
-    def value_loss(self, s: Tensor, o: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+    def value_loss(
+        self, s: Tensor, o: Tensor, actions: Tensor, alive: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Returns L(V_i), [K], and z_i, [K, B, N], of the data's actions, [K, B, N, A].
 
         States and observations, [K, B, S] and [K, B, N, O], are normalized.
@@ -139,14 +141,14 @@ class OMIGA(OfflineLearner):
             w, _ = self.mixer.weights(information(s, o), self.critics.target_mixer)  # [K, B, N]
         v = w * self.values(o)[..., 0] / self.config.temperature  # [K, B, N]
         z = w * q / self.config.temperature - v
-        return soft_value_loss(z, v, self.config.max_weight).mean((1, 2)), z
+        return agent_mean(soft_value_loss(z, v, self.config.max_weight), alive), z
 
     @torch.no_grad()
     def targets(self, batch: Batch) -> Tensor:
         """Returns y of `q_loss`, [K, B], in units of scaled rewards."""
         s_next, o_next = self.normalizer(batch.next_states, batch.next_observations)
         values = self.values(o_next, self.target_values)[..., 0]  # [K, B, N]
-        values = acting(values[..., None], batch.next_alive)[..., 0]
+        values = acting(values[..., None], going_on(batch))[..., 0]
         v_next = self.mixer(values, information(s_next, o_next), self.critics.target_mixer)
         r = team_reward(batch.rewards) * self.rewards.scale
         return td_target(r, batch.terminations, v_next, self.config.discount)

@@ -52,6 +52,7 @@ from torch import Tensor
 
 from swarmdata.learn.choices.utility_networks import DecompositionConfig, Seen, UtilityNetworks
 from swarmdata.learn.networks.perceptrons import StackedMLP
+from swarmdata.learn.networks.presence import going_on
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -166,7 +167,7 @@ class VDN(OfflineLearner):
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
         utilities = networks.utilities(seen.slow_next_features, slow["team"])
         x_next = networks.information(batch.next_states, features)
-        q_next = self.value(utilities, a_next, x_next, batch.next_alive, slow.get("mixer"))
+        q_next = self.value(utilities, a_next, x_next, going_on(batch), slow.get("mixer"))
         q_next = q_next.mean(1).clamp(max=networks.rewards.max_value)  # [K, B]
         r = team_reward(batch.rewards) * networks.rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)

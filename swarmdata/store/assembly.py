@@ -3,7 +3,7 @@
 import hashlib
 import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
 from types import MappingProxyType
@@ -33,7 +33,7 @@ from swarmdata.store.arrays.layout import (
     format_version,
     plan_shard,
 )
-from swarmdata.store.arrays.running_moments import RunningMoments
+from swarmdata.store.arrays.running_moments import RunningMoments, present_rows
 from swarmdata.store.arrays.shards import create_metadata, file_digest, write_shard
 from swarmdata.store.manifest import (
     FileEntry,
@@ -289,15 +289,14 @@ def _write(
             f"{recipe.id}: none of the {len(train)} episodes is in the train split, so there are "
             "no normalization statistics. Raise n_steps in the recipe."
         )
-    moments = {"observations": RunningMoments(), "rewards": RunningMoments()}
-    entries = {}
+    measured, entries = _Measured(train), {}
     hidden = None if progress else True  # None: hidden where there is no terminal
     for name, shard in tqdm(shards.items(), recipe.id, unit="array", leave=False, disable=hidden):
-        blocks = _observed(_blocks(source, name, shard.dtype), moments.get(name), train)
+        blocks = measured.passed(name, _blocks(source, name, shard.dtype))
         entries[name] = write_shard(folder, name, shard, blocks, logical)
     (folder / RECIPE).write_bytes(recipe.to_json().encode())
-    observation_mean, observation_std = moments["observations"].result()
-    (reward_mean,), (reward_std,) = moments["rewards"].result()
+    observation_mean, observation_std = measured.moments["observations"].result()
+    (reward_mean,), (reward_std,) = measured.moments["rewards"].result()
     return Manifest(
         format_version=format_version(shards.values()),
         id=recipe.id,
@@ -320,14 +319,24 @@ def _write(
     )
 
 
-def _observed(
-    blocks: Iterator[NDArray[Any]], moments: RunningMoments | None, train: Bool
-) -> Iterator[NDArray[Any]]:
-    """Passes blocks on, and shows those of train episodes to `moments`."""
-    for index, block in enumerate(blocks):
-        if moments is not None and train[index]:
-            moments.add(block.reshape(-1, block.shape[2] if block.ndim == 3 else 1))
-        yield block
+@dataclass(frozen=True, slots=True, eq=False)
+class _Measured:
+    """Passes the blocks of all arrays on, sorted by name, and measures those of train episodes."""
+
+    train: Bool  # of each episode
+    alive: list[Bool] = field(default_factory=list)  # likewise; empty where agents cannot leave
+    moments: Mapping[str, RunningMoments] = field(
+        default_factory=lambda: {"observations": RunningMoments(), "rewards": RunningMoments()}
+    )
+
+    def passed(self, name: str, blocks: Iterator[NDArray[Any]]) -> Iterator[NDArray[Any]]:
+        moments = self.moments.get(name)
+        for index, block in enumerate(blocks):
+            if name == "alive":
+                self.alive.append(block.copy())
+            if moments is not None and self.train[index]:
+                moments.add(present_rows(block, self.alive[index] if self.alive else None))
+            yield block
 
 
 def _attributes(recipe: Origin) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import SchemaError
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.store import SPLITS, EpisodeTable
+from swarmdata.store.arrays.running_moments import present_rows
 from swarmdata.store.split_rule import assign_splits
 from swarmdata.store.table import measure
 from swarmdata.types import END_REASONS, Episode
@@ -72,9 +73,8 @@ def check_episode(episode: Episode, table: EpisodeTable, index: int) -> None:
 def check_statistics(dataset: Dataset) -> None:
     """Checks the moments against the train split, to 1e-6, and what normalizes by them."""
     episodes = list(dataset.split("train"))
-    size = episodes[0].observations.shape[-1]
-    observations = np.concatenate([e.observations.reshape(-1, size) for e in episodes])
-    rewards = np.concatenate([e.rewards.reshape(-1) for e in episodes])
+    observations = np.concatenate([present_rows(e.observations, e.alive) for e in episodes])
+    rewards = np.concatenate([present_rows(e.rewards, e.alive) for e in episodes])
     found, usable = dataset.moments, dataset.statistics
     pairs = (
         ("observation_mean", found.observation_mean, observations.mean(0, dtype=np.float64)),

@@ -9,6 +9,8 @@ from gymnasium.spaces import Box, Discrete
 from pettingzoo import ParallelEnv
 
 import swarmdata
+from swarmdata.learn.training.run_files import read_table
+from swarmdata.learn.training.run_folder import load_last
 from swarmdata.registry.components import OFFLINE_ALGORITHMS
 from tests.support.pairs import slow
 
@@ -92,6 +94,26 @@ class Interrupted(Leaving):
         is_good = self.place[name] > 0
         is_cut = name == "second" and not is_good and self.rng.random() < 0.5
         return 1.0 if is_good else 1.5, False, is_cut or self.time == 10
+
+
+class Endless(Leaving):
+    """About 1 a step, until a time limit of 10 steps; `second` leaves one episode in 20."""
+
+    n_episodes = 0
+
+    def reset(self, seed: int | None = None, options: Any = None) -> Any:
+        self.n_episodes += 1
+        return super().reset(self.n_episodes)
+
+    def step(self, actions: dict[str, Any]) -> Any:
+        self.time += 1
+        rewards = {name: self.rng.normal(1.0, 0.3) for name in actions}
+        leaves = self.n_episodes % 20 == 0 and self.time == N_LEFT
+        ends = {name: name == "second" and leaves for name in actions}
+        cuts = dict.fromkeys(actions, self.time == 10)
+        seen = self.see()
+        self.agents = [name for name in self.agents if not (ends[name] or cuts[name])]
+        return seen, rewards, ends, cuts, {name: {} for name in seen}
 
 
 def recorded(
@@ -182,6 +204,20 @@ def test_a_value_does_not_end_where_an_agent_is_cut(algorithm: str, tmp_path: Pa
     }
     settings = {"n_updates": 900, **changes.get(algorithm, {})}
     assert played(algorithm, data, tmp_path / "run", env, **settings) < 0
+
+
+@pytest.mark.parametrize("algorithm", ["vdn", *slow("qmix", "omiga", "facmac_bc")])
+def test_a_time_limit_is_no_end_of_a_team_that_can_be_left(algorithm: str, tmp_path: Path) -> None:
+    data = recorded(tmp_path / "data", Box(-1, 1, (1,), np.float32), Endless, spread=0.6)
+    changes: dict[str, Any] = {} if algorithm == "omiga" else {"clip_target": False}
+    changes |= {"n_updates": 800, "discount": 0.8}
+    swarmdata.train(
+        algorithm, data.path, tmp_path / "run", n_seeds=1, changes=SMALL | changes, progress=False
+    )
+    rows = read_table(tmp_path / "run" / "losses.csv")
+    values = [row["q"] for row in rows if "q" in row][-1]
+    values *= load_last(tmp_path / "run").statistics.return_std
+    assert values == pytest.approx(1 / (1 - 0.8), rel=0.15)
 
 
 @pytest.mark.slow

@@ -170,6 +170,18 @@ def test_agents_that_leave_are_masked(tmp_path: Path) -> None:
     assert not rows["actions"][~rows["alive"]].any()
 
 
+def test_moments_leave_out_agents_that_have_left(tmp_path: Path) -> None:
+    """Zeros that nobody observed would spread features that are far from zero."""
+    dataset = record(Counting(length=4, leaves={"big": 2}), tmp_path / "ds")
+    train, moments = dataset.split("train"), dataset.moments
+    observed = [row for e in train for row in (*e.observations[:3, 0], *e.observations[:, 1])]
+    rewards = [reward for e in train for reward in (*e.rewards[:2, 0], *e.rewards[:, 1])]
+    np.testing.assert_allclose(moments.observation_mean, np.mean(observed, 0))
+    np.testing.assert_allclose(moments.observation_std, np.std(observed, 0), atol=1e-9)
+    assert moments.reward_mean == pytest.approx(np.mean(rewards))
+    assert moments.reward_std == pytest.approx(np.std(rewards))
+
+
 def test_agents_may_come_later_if_they_are_known(tmp_path: Path) -> None:
     dataset = record(Counting(length=4, enters={"small": 2}), tmp_path / "ds")
     alive = dataset[0].alive

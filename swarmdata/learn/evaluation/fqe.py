@@ -13,7 +13,8 @@ Deviations:
 - x = (state, all observations), as the critics of the actor-critic algorithms here see it; inputs
   are normalized, rewards divided by the standard deviation of the returns-to-go, critics have
   LayerNorm, and the learning rate decays along a cosine.
-- The bootstrap goes on through truncations, so V is the value of a task without a horizon.
+- The bootstrap goes on through truncations, so V is the value of a task without a horizon. It goes
+  on where one agent is cut, too; later steps without that agent are left out.
 - `clip` guards against divergence: with all non-terminal team rewards of the data in [r-, r+] and
   all terminal ones in [t-, t+], no policy that meets only such rewards has a value outside
   [min(r- / (1 - gamma), t-), max(r+ / (1 - gamma), t+)].
@@ -172,7 +173,7 @@ class FittedQ:
         """Returns the root mean square of Q - y over a whole split, [K, M]."""
         shape = len(split.answers), self.config.n_fits
         total = torch.zeros(shape, dtype=torch.float64, device=split.answers.device)
-        rows = torch.arange(len(split.data), device=split.answers.device)
+        rows = split.data.whole
         for start in range(0, len(rows), CHUNK_SIZE):
             index = rows[start : start + CHUNK_SIZE]
             error = self.taken(split, index) - self.targets(split, index)[0]
@@ -189,13 +190,13 @@ def fitted_q_evaluation(
     `scale` is a typical size of returns, such as the deviation of the returns-to-go. Raises
     DivergedError if a value became infinite or NaN.
     """
-    fitted, n_rows = FittedQ(train, scale, config), len(train.data)
-    device = train.data.rows.device
+    fitted, learned = FittedQ(train, scale, config), train.data.whole
     last, curve, clipped = config.n_updates * 9 // 10, [], []
     points = {round(config.n_updates * (k + 1) / N_CURVE_POINTS) for k in range(N_CURVE_POINTS)}
     hidden = None if progress else True  # None: hidden where there is no terminal
     for update in tqdm(range(config.n_updates), desc="FQE", file=sys.stderr, disable=hidden):
-        shares = fitted.update(torch.from_numpy(draws(n_rows, config, update)).to(device))
+        drawn = torch.from_numpy(draws(len(learned), config, update)).to(learned.device)
+        shares = fitted.update(learned[drawn])
         if update >= last:
             clipped.append(shares)
         if update + 1 in points:

@@ -15,7 +15,7 @@ from swarmdata.learn.networks.network_inputs import Normalizer, information
 from swarmdata.learn.networks.setup import Sizes
 from swarmdata.learn.training.training_data import Data
 from swarmdata.specs.action_scaling import action_scale
-from swarmdata.types import Double, Episode, Float
+from swarmdata.types import Bool, Double, Episode, Float
 
 
 @runtime_checkable
@@ -40,6 +40,7 @@ class Transitions:
     terminations: Tensor  # [n]
     rows: Tensor  # [n] row of x in which the action was taken; the next row is the next state
     first: Tensor  # [E] row of x of each episode's first state
+    whole: Tensor  # [k] transitions in which no agent is missing that was cut before
 
     @classmethod
     def read(
@@ -64,13 +65,16 @@ class Transitions:
                 team.astype(np.float32),
                 _in_float32(returns_to_go(team, discount), dataset.id),
                 episode.terminations,
+                _is_whole(episode),
             ))  # fmt: skip
         lengths = np.array([len(column[2]) for column in columns])
         number = np.arange(len(lengths))
         first = np.cumsum(lengths) - lengths + number
         rows = np.arange(int(lengths.sum())) + np.repeat(number, lengths)
         joined = (np.concatenate(parts) for parts in zip(*columns, strict=True))
-        tensors = (torch.from_numpy(array).to(device) for array in (*joined, rows, first))
+        *by_step, is_whole = joined
+        arrays = (*by_step, rows, first, np.flatnonzero(is_whole))
+        tensors = (torch.from_numpy(array).to(device) for array in arrays)
         return cls(Sizes.of(next(iter(dataset))), *tensors)
 
     @property
@@ -80,6 +84,15 @@ class Transitions:
 
     def __len__(self) -> int:
         return len(self.rewards)
+
+
+def _is_whole(episode: Episode) -> Bool:
+    """Steps in which no agent is missing that was cut before, [T]."""
+    if episode.alive is None:
+        return np.ones(len(episode), np.bool_)
+    was_cut = np.zeros_like(episode.alive)
+    was_cut[1:] = np.logical_or.accumulate(np.asarray(episode.agent_truncations))
+    return np.asarray(~(was_cut & ~episode.alive)[:-1].any(axis=1))
 
 
 def _in_float32(returns: Double, name: str) -> Float:
@@ -103,7 +116,8 @@ def _information(episode: Episode, known: Normalizer) -> NDArray[Any]:
 def actions_of(policies: Sequence[object], dataset: Data) -> Float:
     """Returns the actions of K policies in every state of a dataset, float32 [K, n + E, N, A].
 
-    Rows are those of `Transitions.x`. Robots that have left an episode do nothing.
+    Rows are those of `Transitions.x`. Robots that have left an episode do nothing, except in the
+    state in which they were cut: there, they would have gone on.
     """
     actors = [policy for policy in policies if isinstance(policy, Actor)]
     if silent := sorted({type(p).__name__ for p in policies if not isinstance(p, Actor)}):
@@ -117,5 +131,9 @@ def actions_of(policies: Sequence[object], dataset: Data) -> Float:
         observations = np.array(episode.observations)
         joint = np.stack([actor.actions(observations) for actor in actors])
         joint = joint.astype(np.float32, copy=False)
-        answers.append(joint if episode.alive is None else joint * episode.alive[:, :, None])
+        if episode.alive is not None:
+            acts = episode.alive.copy()
+            acts[1:] |= np.asarray(episode.agent_truncations)
+            joint = joint * acts[:, :, None]
+        answers.append(joint)
     return np.concatenate(answers, axis=1)

@@ -52,11 +52,16 @@ class FactoredCritics(Descent):
         self.target_utilities: StackedMLP = self.targets["utilities"]
         self.target_mixer: StackedMLP | None = self.targets.get("mixer")  # if it learns
 
-    def q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
-        """Returns all critics' Q_tot, [K, J, B]."""
+    def q(
+        self, states: Tensor, observations: Tensor, actions: Tensor, alive: Tensor | None = None
+    ) -> Tensor:
+        """Returns all critics' Q_tot, [K, J, B]; agents that are not `alive` are worth 0."""
         x = information(states, observations).repeat_interleave(self.n_critics, 0)
-        values = self.agent_values(observations, actions).flatten(0, 1)  # [K J, B, N]
-        return self.mixer(values, x).view(-1, self.n_critics, x.shape[1])
+        values = self.agent_values(observations, actions)
+        if alive is not None:
+            values = values * alive[:, None]
+        mixed = self.mixer(values.flatten(0, 1), x)  # of [K J, B, N]
+        return mixed.view(-1, self.n_critics, x.shape[1])
 
     def target_q(self, states: Tensor, observations: Tensor, actions: Tensor) -> Tensor:
         x = information(states, observations).repeat_interleave(self.n_critics, 0)

@@ -3,7 +3,8 @@
 Nor do critics of own rewards. An agent's own return ends with its own termination (`robot_ends`).
 After its own truncation, its value is that of the place it has reached, which critics know from
 agents that are there; rows of absent ones would teach them that the place is worth nothing. Critics
-of the team's reward learn from all rows, since that reward goes on without an agent.
+of the team's reward learn from all rows, since that reward goes on without an agent. They, too,
+bootstrap from the place that an agent was cut at (`going_on`): a time limit cuts all agents.
 """
 
 import torch
@@ -32,6 +33,17 @@ def robot_ends(batch: Batch) -> Tensor:
     if batch.alive is None:
         return ends
     return ends | batch.agent_terminations | ~batch.alive
+
+
+def going_on(batch: Batch) -> Tensor | None:
+    """Returns whose values go on after a step, bool [..., N]; None where agents cannot leave.
+
+    Those are agents that act next, and agents that were cut: all of them at a time limit.
+    """
+    if batch.alive is None:
+        return None
+    found: Tensor = batch.next_alive | (batch.alive & ~batch.agent_terminations)
+    return found
 
 
 def agent_mean(errors: Tensor, alive: Tensor | None) -> Tensor:

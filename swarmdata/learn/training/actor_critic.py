@@ -42,7 +42,7 @@ from swarmdata.learn.networks.network_inputs import (
 )
 from swarmdata.learn.networks.optimizer import Descent, StackedAdam, cosine
 from swarmdata.learn.networks.perceptrons import MLPShape, StackedMLP, initialize
-from swarmdata.learn.networks.presence import acting, agent_mean
+from swarmdata.learn.networks.presence import acting, agent_mean, going_on
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import Loss, anchored_loss, cloning_loss, tilted_loss
 from swarmdata.learn.objectives.weighted_rows import ScoredRows
@@ -286,7 +286,7 @@ class TwoStageActorCritic(OfflineLearner):
         template = observations[..., :1].expand(*observations.shape[:-1], size)
         noise = normal_like(self.generators, template)
         found = self.actor.smoothed(noise, observations, config.smoothing, config.smoothing_clip)
-        return acting(found, batch.next_alive)
+        return acting(found, going_on(batch))
 
 
 class LossActorCritic(TwoStageActorCritic):

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from swarmdata.runtime.mapped_pages import MappedReads
-from swarmdata.types import Counts, Double, Float
+from swarmdata.types import Bool, Counts, Double, Float
 
 if TYPE_CHECKING:
     from swarmdata.store.stored_dataset import StoredDataset
@@ -55,15 +55,30 @@ class RunningMoments:
         return tuple(map(float, mean)), tuple(map(float, std))
 
 
+def present_rows(rows: Float | Counts, alive: Bool | None) -> Float | Counts:
+    """Returns the rows of an episode that agents observed, or were rewarded in, [n, F].
+
+    Rows are [T+1, N, F] or [T, N]. `alive`, [T+1, N], leaves out those of absent agents, which are
+    zeros that nobody measured; agents also observe the state in which they leave. None: all count.
+    """
+    width = rows.shape[2] if rows.ndim == 3 else 1
+    if alive is not None:
+        acting, seen = alive[:-1], alive.copy()
+        seen[1:] |= acting
+        rows = rows[seen if len(rows) == len(alive) else acting]
+    return rows.reshape(-1, width)
+
+
 def train_moments(stored: "StoredDataset", name: str) -> tuple[Double, Double]:
-    """Mean and deviation of an array over the train split, agents and time, [F] each.
+    """Mean and deviation of an array over the train split, present agents and time, [F] each.
 
     F is the size of the last axis of observations, and 1 of rewards.
     """
     moments, reads = RunningMoments(), MappedReads((stored.arrays[name],))
     for number in np.flatnonzero(stored.table.split == 0).tolist():
         rows = stored.rows(number, name)
-        moments.add(rows.reshape(-1, rows.shape[2] if rows.ndim == 3 else 1))
+        alive = stored.rows(number, "alive") if "alive" in stored.arrays else None
+        moments.add(present_rows(rows, alive))
         reads.add(rows)
     reads.release()
     mean, std = moments.result()

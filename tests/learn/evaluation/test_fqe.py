@@ -65,6 +65,25 @@ def test_values_of_a_task_that_goes_on() -> None:
     assert made.clipped.max() < 0.05
 
 
+def test_a_robot_that_is_cut_has_no_end() -> None:
+    """The values are those of `test_values_of_a_task_that_goes_on`, though one robot is cut."""
+    alive = np.array([[True, True], [True, True], [True, False], [False, False]])
+    cuts, seen = alive[:-1] & ~alive[1:], alive.copy()
+    seen[1:] |= cuts
+    dataset = MemoryDataset([
+        replace(
+            each, alive=alive, agent_terminations=np.zeros_like(cuts), agent_truncations=cuts,
+            observations=each.observations * seen[..., None], rewards=each.rewards * alive[:-1],
+            actions=each.actions * alive[:-1, :, None],
+        )
+        for each in chain(100, ends=False)
+    ])  # fmt: skip
+    from_0 = np.array(ACTIONS) * (1 + 2 * 0.5) / (1 - 0.25)
+    made = fit(dataset)
+    np.testing.assert_allclose(made.values[:, 0, ::2].mean(1), from_0, rtol=0.05)
+    assert made.residual.max() < 0.1
+
+
 @pytest.mark.slow
 def test_values_of_a_task_that_ends() -> None:
     """V(0) = a + g 2 a: nothing comes after a termination."""

@@ -67,7 +67,8 @@ def test_policies_are_asked_in_every_state() -> None:
 def test_who_has_left_does_nothing() -> None:
     whole = chain(1, ends=True).episodes[0]
     alive = np.array([[True, True], [True, False], [True, False]])
-    dataset = MemoryDataset([replace(whole, alive=alive)])
+    uncut = np.zeros((2, 2), np.bool_)
+    dataset = MemoryDataset([replace(whole, alive=alive, agent_truncations=uncut)])
     np.testing.assert_array_equal(actions_of([Constant(1.0)], dataset)[0, :, :, 0], alive)
     actions = read(dataset).actions[..., 0]
     np.testing.assert_array_equal(actions, whole.actions[..., 0] * alive[:-1])
