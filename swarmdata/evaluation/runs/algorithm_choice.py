@@ -19,6 +19,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import SpecError
 from swarmdata.rollouts.score_statistics import wilson_interval
+from swarmdata.specs.origins import SideSpec
 from swarmdata.types import Double, Int
 
 _LOG = logging.getLogger("swarmdata")
@@ -179,6 +180,9 @@ def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:
     world = train.spec.world
     ends = world is not None and world.on_collision == "fail"
     choice = choose_algorithm(EpisodeStatistics.of(train), contact_ends=ends)
+    if isinstance(train.spec, SideSpec):
+        whose = "the rule was measured on teams without opponents, who decide what a success tells"
+        choice = replace(choice, doubts=(*choice.doubts, whose))
     if np.ptp(train.episodes.team_return) == 0:
         reason = "all episodes have the same return, so that none is better than another"
         choice = AlgorithmChoice("bc", (reason,), ())

@@ -20,7 +20,9 @@ from swarmdata.evaluation.runs.algorithm_choice import (
     choose_algorithm,
     choose_for,
 )
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.score_statistics import wilson_interval
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from tests.benchmarks import measuring
 from tests.benchmarks.fit_auto import (
@@ -36,6 +38,9 @@ from tests.benchmarks.fit_auto import (
 )
 from tests.benchmarks.fit_auto import chosen as chosen_by
 from tests.benchmarks.measuring import long_tables_as_files
+from tests.support.tiny import make_tiny
+
+SCRIPTED = (PolicySource(label="a", name="scripted"),)
 
 
 class Table(SimpleNamespace):
@@ -217,6 +222,14 @@ def test_few_episodes_are_not_certain_and_without_differences_of_returns_are_clo
     choice = choose_for(dataset.with_rewards(**weights))
     assert (choice.algorithm, choice.doubts) == ("bc", ())
     assert "the same return" in choice.line
+
+
+def test_opponents_leave_a_doubt(tmp_path: Path) -> None:
+    spec = preset("tag").with_updates(horizon=20)
+    data = make_tiny(tmp_path / "tag-tiny-v0", id="tag-tiny-v0", spec=spec, policies=SCRIPTED)
+    assert "Not certain: the rule was measured on teams" in (
+        choose_for(Dataset.open(data).side("pursuers")).line
+    )
 
 
 def test_mixtures_and_no_episodes_are_refused(tiny: Path) -> None:
