@@ -84,8 +84,11 @@ class Case:
 
     @property
     def data_score(self) -> float | None:
-        """Score of the mean return of the dataset's episodes, with action noise."""
-        if self.data is None or self.reference is None:
+        """Score of the mean return of the dataset's episodes, with action noise.
+
+        None for a side, whose recorded opponents are others than those of the references.
+        """
+        if self.data is None or self.reference is None or isinstance(self.spec, SideSpec):
             return None
         return float(normalized_score(self.data.mean_return, self.reference))
 
