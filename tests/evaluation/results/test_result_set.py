@@ -56,6 +56,15 @@ def test_the_score_and_the_mean_of_the_data_stand_beside() -> None:
     assert case.data_score == pytest.approx(100 * (mean - reference.no_skill) / span)
 
 
+def test_the_data_do_not_stand_beside_results_of_another_task() -> None:
+    soft = COOP_NAV.with_updates(backend="mujoco")
+    for spec, has_data in ((preset("coop_nav-strict"), False), (soft, True)):
+        (case,) = group_results([result(spec=spec)]).cases
+        assert case.reference is not None
+        assert (case.data is not None) == has_data
+        assert case.recorded == COOP_NAV
+
+
 def test_the_data_of_a_side_have_no_score_because_others_played_against_it() -> None:
     side = SideSpec(whole=preset("tag"), side="evader", opponents="scripted")
     (case,) = group_results([result()]).cases
