@@ -84,7 +84,7 @@ def build_catalogue(
     _check_models(choices)
     start = perf_counter()
     failures = Failures(len(names) + len(choices.results), note)
-    own = own_sources(choices.results, failures)
+    own = own_sources(choices.results, failures, [p for p in map(Path, names) if p.is_dir()])
     verified = [] if choices.entries is None else entry_sources(choices.entries, failures)
     entries = find_entries(
         names, failures, workers=choices.workers, with_published=choices.published

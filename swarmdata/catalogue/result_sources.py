@@ -25,8 +25,9 @@ from swarmdata.catalogue.drawings.charts import Line
 from swarmdata.drawing.style import FAMILY_OF, family_name
 from swarmdata.errors import DatasetNotFoundError, SchemaError
 from swarmdata.evaluation.results.result_files import Result
-from swarmdata.evaluation.results.result_set import ResultSet, group_results, read_results
+from swarmdata.evaluation.results.result_set import Case, ResultSet, group_results, read_results
 from swarmdata.evaluation.results.result_tables import estimate_with_zeros, quantities_of
+from swarmdata.evaluation.runs.named_policies import family_of
 from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, read_archive
 from swarmdata.evaluation.study.pages.study_tables import weights_text
 from swarmdata.evaluation.study.plan import Study
@@ -36,7 +37,9 @@ from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.extras import require_extra
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.plain_names import without_version
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
 Rows = Sequence[Mapping[str, str]]
@@ -136,12 +139,17 @@ def results_on(
     return found
 
 
-def own_sources(places: Sequence[Path], failures: Failures) -> list[ResultSource]:
-    """Reads studies, folders of `swarmdata evaluate --out` and result files; some may fail."""
+def own_sources(
+    places: Sequence[Path], failures: Failures, data: Sequence[Path] = ()
+) -> list[ResultSource]:
+    """Reads studies, folders of `swarmdata evaluate --out` and result files; some may fail.
+
+    Folders of datasets that are neither published nor in the cache are named as `data`.
+    """
     found = []
     for place in places:
         with failures.item(str(place)):
-            found.append(replace(_of_place(place), is_own=True))
+            found.append(replace(_of_place(place, data), is_own=True))
     return found
 
 
@@ -213,7 +221,7 @@ def _scores(outcome: Outcome) -> Double:
     return case.scores(next(iter(case.runs)))
 
 
-def _of_place(place: Path) -> ResultSource:
+def _of_place(place: Path, data: Sequence[Path]) -> ResultSource:
     if (place / ESTIMATES_FILE).is_file():
         return _of_study(read_study(place), place, place.resolve().name)
     if not place.exists():
@@ -221,14 +229,28 @@ def _of_place(place: Path) -> ResultSource:
             f"there are no results at {place}. Name the folder of a study, one that `swarmdata "
             "evaluate --out` wrote, or a result file."
         )
-    return _of_results(read_results([place]), place.resolve().name)  # readers need no more
+    return _of_results(read_results([place], data=data), place.resolve().name)
+
+
+def _board_of(case: Case) -> str:
+    """The dataset of a case; after @, in which task or against whom it was measured, if elsewhere.
+
+    What was measured elsewhere does not compare with what was measured in the recorded task.
+    """
+    if isinstance(case.spec, SideSpec):
+        return f"{case.name}-vs-{case.spec.opponents}"
+    if case.recorded in (None, case.spec) or not isinstance(case.spec, TaskSpec):
+        return case.name
+    preset = family_of(case.spec)
+    return f"{case.name}@{preset or f'{case.spec.task}-{case.spec.hash()[:8]}'}"
 
 
 def _of_results(results: ResultSet, name: str) -> ResultSource:
     outcomes, data = [], {}
     for case in (*results.cases, *results.baselines):
+        board = _board_of(case)
         if case.data_score is not None:
-            data[case.name] = case.data_score
+            data[board] = case.data_score
         for label, runs in case.runs.items():
             origin = runs[0].provenance
             found = {
@@ -240,7 +262,7 @@ def _of_results(results: ResultSet, name: str) -> ResultSource:
             family = family_name(origin.algorithm or "policy without training")
             rewards = weights_text(case.rewards.get(label, {}))
             outcomes.append(
-                Outcome(label, family, case.name, found, len(runs), updates, rewards, names, runs)
+                Outcome(label, family, board, found, len(runs), updates, rewards, names, runs)
             )
     measured = [run.evaluation for outcome in outcomes for run in outcome.results]
     is_chosen_by = any(each.seeds[0] >= VALIDATION_BASE for each in measured)
@@ -256,8 +278,9 @@ def _of_study(
         groups.setdefault((row["dataset"], row["label"]), []).append(row)
     has_shown = shown is None or any(name.partition("@")[0] in shown for name, _ in groups)
     results = _results_of_study(folder) if has_shown else {}
+    sides = study.plan.get("sides")
     outcomes = tuple(
-        replace(_outcome(rows), results=results.get(name, ()))
+        replace(_outcome(rows, sides), results=results.get(name, ()))
         for name, rows in groups.items()
         if rows[0]["dataset"]
     )
@@ -304,12 +327,17 @@ def with_keys(sources: Sequence[ResultSource]) -> list[ResultSource]:
     return [source.with_outcomes(named) for source in sources]
 
 
-def _outcome(rows: Rows) -> Outcome:
+def _outcome(rows: Rows, sides: object) -> Outcome:
+    """What rows of estimates say; `sides` are those of the study's plan, with their opponents."""
     first, ends = rows[0], ("mean", "low", "high")
+    dataset = first["dataset"]
+    opponents = sides.get(dataset.partition("@")[2]) if isinstance(sides, Mapping) else None
+    if opponents is not None:
+        dataset = f"{dataset}-vs-{opponents}"
     return Outcome(
         label=first["label"],
         family=FAMILY_OF.get(first["label"], family_name(first.get("family", ""))),
-        dataset=first["dataset"],
+        dataset=dataset,
         estimates={
             row["quantity"]: Estimate(*(float(row[end] or math.nan) for end in ends))
             for row in rows

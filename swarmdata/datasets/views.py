@@ -408,6 +408,11 @@ class View(TrainingData[R]):
                 "returns of other rewards. Compute it with the dataset before `with_rewards`, from "
                 "returns on the task's own rewards, such as those of `evaluate`."
             )
+        if isinstance(self.spec, SideSpec):
+            raise SchemaError(
+                f"{self!r} has no score, because others played against it than against the "
+                "references of its side. Results of evaluate(..., opponents='scripted') have one."
+            )
         if self.references is None:
             raise SchemaError(
                 f"{self.id} was opened without references, or has other rewards than its task, so "

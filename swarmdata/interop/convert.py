@@ -3,7 +3,6 @@
 import hashlib
 import logging
 from collections.abc import Iterable
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -121,8 +120,7 @@ def _kept_splits(
     incoming: ImportedData, splits: Literal["kept", "new"], choices: Choices, source: Path
 ) -> Counts | None:
     """The splits of an export of this library, which needs no choices; None to draw new ones."""
-    given = [each.name for each in fields(choices) if getattr(choices, each.name) is not None]
-    if incoming.splits is not None and given:
+    if incoming.splits is not None and (given := choices.given()):
         raise ConversionError(
             f"{source} was exported by this library and says itself what its rows are, got "
             f"{', '.join(given)} as well. Leave these options out."

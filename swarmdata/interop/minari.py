@@ -272,6 +272,12 @@ def _foreign_agents(found: Any, choices: Choices) -> tuple[tuple[RecordedAgent, 
     observation = space_of(found.observation_space, "observation space")
     action = space_of(found.action_space, "action space")
     names = choices.agents
+    if useless := [name for name in choices.given() if name != "agents"]:
+        raise ConversionError(
+            "Minari says where episodes end and what the spaces are, got "
+            f"{', '.join(useless)} as well. Leave these options out; agents takes names, the keys "
+            "of Dict spaces."
+        )
     if names is None:
         return (RecordedAgent(name="agent_0", observation=observation, action=action),), False
     keys = [sorted(s.spaces) if isinstance(s, DictSpace) else None for s in (observation, action)]

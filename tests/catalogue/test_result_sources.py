@@ -1,6 +1,7 @@
 """Results are read from studies and result files, and what is not a result is refused."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from swarmdata.catalogue.pages.results_page import results_page
 from swarmdata.catalogue.result_sources import (
     Outcome,
     ResultSource,
+    _of_results,
     committed_sources,
     own_sources,
     results_on,
@@ -21,12 +23,15 @@ from swarmdata.catalogue.result_sources import (
 )
 from swarmdata.errors import DatasetNotFoundError, StudyError
 from swarmdata.evaluation.results.result_files import Result, save_result
-from swarmdata.evaluation.results.result_set import group_results
+from swarmdata.evaluation.results.result_set import ResultSet, group_results
 from swarmdata.learn.training.run_files import find_run, run_hash
 from swarmdata.numerics.random import validation_seeds
+from swarmdata.registry.presets import preset
 from swarmdata.rollouts.score_intervals import difference_interval
 from swarmdata.runtime.batches import Failures
-from tests.support.measured import EXPERT, MEDIUM, result
+from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.origins import SideSpec
+from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, result
 
 HEAD = "label,family,dataset,rewards,digest,seeds,updates,frames,episodes,quantity,mean,low,high\n"
 ROW = "bc,cloning,coop_nav-medium-v1,,d1,5,4500,,1000,{},{},{},{}\n"
@@ -156,6 +161,27 @@ def test_result_files_of_ones_own_are_shown_with_their_runs(tmp_path: Path) -> N
     assert str(tmp_path) not in page
 
 
+def test_results_of_another_task_or_other_opponents_have_a_board_of_their_own(
+    tmp_path: Path,
+) -> None:
+    strict, noisy = preset("coop_nav-strict"), with_models(COOP_NAV, "noise-0.1")
+    for spec in (COOP_NAV, strict, noisy):
+        save_result(result(spec=spec), tmp_path / "results" / spec.hash())
+    places = [tmp_path / "results" / each.hash() for each in (COOP_NAV, strict, noisy)]
+
+    found = own_sources(places, Failures(3))
+
+    assert [each.outcomes[0].dataset for each in found] == [
+        MEDIUM, f"{MEDIUM}@coop_nav-strict", f"{MEDIUM}@coop_nav-{noisy.hash()[:8]}",
+    ]  # fmt: skip
+    assert [sorted(each.data) for each in found[:2]] == [[MEDIUM], []]
+    (case,) = group_results([result()]).cases
+    sides = [SideSpec(whole=preset("tag"), side="evader", opponents=each) for each in ("a", "b")]
+    cases = tuple(replace(case, dataset="tag-v0@evader", spec=each) for each in sides)
+    boards = {each.dataset for each in _of_results(ResultSet(cases, ()), "mine").outcomes}
+    assert boards == {"tag-v0@evader-vs-a", "tag-v0@evader-vs-b"}
+
+
 def test_own_results_say_their_seeds_and_other_rewards(tmp_path: Path) -> None:
     view = '{"rewards":{"time":0.5}}'
     for index in (0, 1):
@@ -166,6 +192,7 @@ def test_own_results_say_their_seeds_and_other_rewards(tmp_path: Path) -> None:
     (found,) = own_sources([tmp_path / "results"], Failures(1))
 
     assert found.title == "results (validation seeds)"
+    assert "results (yours) (validation seeds)" in page_of([found], frozenset())
     assert found.outcomes[0].rewards == '{"time": 0.5}'
 
 

@@ -108,6 +108,11 @@ def test_other_views_come_first(whole: swarmdata.Dataset) -> None:
         swarmdata.combine_datasets([side], Path("unused"), id="tag-other-v0")
 
 
+def test_the_returns_of_a_side_have_no_score(whole: swarmdata.Dataset) -> None:
+    with pytest.raises(SchemaError, match="others played against it"):
+        whole.side("pursuers").normalized_score([1.0])
+
+
 def test_sides_that_do_not_exist_are_refused(whole: swarmdata.Dataset, tiny: Path) -> None:
     with pytest.raises(UnknownNameError, match="unknown side 'hunters'"):
         whole.side("hunters")

@@ -100,8 +100,10 @@ def test_columns_of_several_agents(tmp_path: Path, take_in: TakeIn) -> None:
     arrays = timeline(lengths, cut)
     for name in ("observations", "next_observations", "actions"):
         arrays[name] = np.concatenate([arrays[name], arrays[name]], 1)
-    dataset = take_in(hdf5(tmp_path / "x.hdf5", arrays), "d4rl", n_agents=2)
+    path = hdf5(tmp_path / "x.hdf5", arrays)
+    dataset = take_in(path, "d4rl", n_agents=2)
     assert dataset.spec.n_agents == 2
+    assert take_in(path, "d4rl", agents=("anna", "bert")).spec.agent_names == ("anna", "bert")
     assert dataset.episodes[0].observations.shape == (4, 2, 2)
     check_timeline(dataset.episodes, lengths, cut)
 

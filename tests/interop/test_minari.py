@@ -90,6 +90,9 @@ def test_theirs_is_read_aligned(tmp_path: Path) -> None:
         np.testing.assert_array_equal(episode.actions[:, 0, 0], t % 4 + 1)
         np.testing.assert_array_equal(episode.rewards[:, 0], 100 * number + t)
         assert END_REASONS[episode.end_reason] == ("horizon" if number % 2 else "ended")
+    for answer in ({"time_limit": 3}, {"agents": 2}, {"action_low": -1.0}, {"unfinished": "drop"}):
+        with pytest.raises(ConversionError, match="Minari says where episodes end"):
+            import_dataset(source, tmp_path / "b", format="minari", id="maze-b-v0", **answer)
 
 
 def test_a_dict_of_agents_is_a_team_if_told(recorded: Dataset, tmp_path: Path) -> None:

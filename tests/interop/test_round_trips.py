@@ -163,15 +163,19 @@ def test_wrong_requests(ours: Dataset, tmp_path: Path) -> None:
 def test_wrong_choices() -> None:
     for answers, problem in (
         ({"time_limit": -1}, "time_limit is -1"),
+        ({"time_limit": "10"}, "expected a whole number of at least 0"),
         ({"episode_length": 0}, "episode_length is 0"),
+        ({"episode_length": 10.5}, "expected a whole number of at least 1"),
+        ({"agents": 2.0}, "n_agents is 2.0"),
         ({"final": "no"}, "final is 'no'"),
         ({"unfinished": "no"}, "unfinished is 'no'"),
         ({"agents": "a,a"}, "expected different names"),
         ({"action_low": 2.0, "action_high": 1.0}, "is above action_high"),
+        ({"action_low": "-1", "action_high": np.nan}, "expected numbers"),
     ):
         with pytest.raises(ConversionError, match=problem):
             Choices.of(**answers)
-    assert Choices.of(agents="3").n_agents == 3
+    assert Choices.of(agents="3").n_agents == Choices.of(agents=np.int64(3)).n_agents == 3
     assert Choices.of(agents="a,b").agents == ("a", "b")
 
 

@@ -180,6 +180,8 @@ def _baselines(entry: Entry, results: Sequence[Board]) -> Html:
     series = series_of(results)
     address = f"../results.html#{urlencode({'dataset': board.dataset, 'group': 'all'})}"
     where = "" if board.name == entry.id else f"On the full dataset, {board.name}. "
+    if board.dataset != board.name:
+        where += f"These are of {board.dataset}. "
     return section(
         title,
         "results",

@@ -8,7 +8,7 @@ from swarmdata.catalogue.boards import Board, Row
 from swarmdata.catalogue.drawings.charts import Axis, axis_drawing, interval_drawing, score_axis
 from swarmdata.catalogue.elements import Html, element
 from swarmdata.catalogue.pages.figures_shown import score
-from swarmdata.catalogue.result_sources import Outcome, ZooDifference
+from swarmdata.catalogue.result_sources import VALIDATED, Outcome, ZooDifference
 from swarmdata.drawing.style import COLORS, GRAY, SPARE_COLORS, family_colors, words_of
 from swarmdata.evaluation.results.estimate_table import Column, format_estimate
 from swarmdata.evaluation.results.result_tables import QUANTITIES, UNDEFINED_ESTIMATE
@@ -171,5 +171,6 @@ def _source(row: Row) -> Html:
     source = row.source
     runs = f"; runs {', '.join(row.outcome.runs)}" if row.outcome.runs else ""
     mark = " (verified)" if source.is_verified else " (yours)" if source.is_own else ""
+    mark += VALIDATED if VALIDATED in source.title else ""
     title = f"{source.title}, {source.place}{runs}"
     return element("td", f"{Path(source.place).name}{mark}", class_="source", title=title)

@@ -22,7 +22,7 @@ from swarmdata.registry.published import (
     published,
     references_of,
 )
-from swarmdata.registry.recipes import FAMILY_SPECS
+from swarmdata.registry.recipes import FAMILY_SPECS, find_recipe
 from swarmdata.specs.model_choice import is_same_world, with_models
 from swarmdata.specs.origins import SideSpec, Spec
 from swarmdata.specs.task_spec import TaskSpec
@@ -40,6 +40,7 @@ class Case:
     reference: Reference | None  # of the score, if it was measured in this world
     data: Figures | None  # of the dataset's own episodes, if they are known
     runs: Mapping[str, tuple[Result, ...]]  # label -> one per training seed, by index
+    recorded: Spec | None = None  # of the dataset, if it is known, with the models of its view
 
     def __repr__(self) -> str:
         """Shows the dataset and the labels."""
@@ -84,8 +85,11 @@ class Case:
 
     @property
     def data_score(self) -> float | None:
-        """Score of the mean return of the dataset's episodes, with action noise."""
-        if self.data is None or self.reference is None:
+        """Score of the mean return of the dataset's episodes, with action noise.
+
+        None for a side, whose recorded opponents are others than those of the references.
+        """
+        if self.data is None or self.reference is None or isinstance(self.spec, SideSpec):
             return None
         return float(normalized_score(self.data.mean_return, self.reference))
 
@@ -237,12 +241,16 @@ def _case(group: Sequence[Result], data: Sequence[Path | str]) -> Case:
     def mean_return(label: str) -> float:
         return float(np.mean([each.evaluation.metrics["return"].mean() for each in runs[label]]))
 
-    figures = None
-    if "side" not in provenance.changes:  # the figures of a dataset are of all sides
-        figures = _data_figures(provenance.dataset, provenance.digest, data)
+    figures, recorded = _data_facts(provenance.dataset, provenance.digest, data)
+    changes = provenance.changes
+    if "side" in changes or (recorded is not None and not _has_scale_of(recorded, spec)):
+        figures = None  # they are of all sides, or of another task
+    if recorded is not None and recorded.world is not None:
+        models = (changes.get("observation"), changes.get("communication"))
+        recorded = with_models(recorded.world, *models)
     ordered = {label: tuple(runs[label]) for label in sorted(runs, key=mean_return)}
-    key = provenance.dataset_key
-    return Case(key, spec, reference_of(spec), figures, MappingProxyType(ordered))
+    key, reference = provenance.dataset_key, reference_of(spec)
+    return Case(key, spec, reference, figures, MappingProxyType(ordered), recorded)
 
 
 def case_order(case: Case) -> tuple[str, int, float, str]:
@@ -261,11 +269,7 @@ def reference_of(spec: Spec) -> Reference | None:
     task = spec.whole if isinstance(spec, SideSpec) else spec.world
     if task is None:
         return None
-    robots = [role.robot.model_copy(update={"base": "planar"}) for role in task.team]
-    pairs = zip(task.team, robots, strict=True)
-    team = tuple(role.model_copy(update={"robot": robot}) for role, robot in pairs)
-    planar = task.model_copy(update={"team": team})
-    usual = with_models(planar, backend="pymunk", randomization={})
+    usual = _usual(task)
     worlds = [task, usual, *(each for each in FAMILY_SPECS.values() if is_same_world(each, usual))]
     sides = isinstance(spec, SideSpec)
     measured = (spec.model_copy(update={"whole": each}) if sides else each for each in worlds)
@@ -274,20 +278,37 @@ def reference_of(spec: Spec) -> Reference | None:
     return None if known is None else known.reference
 
 
-def _data_figures(
+def _usual(task: TaskSpec) -> TaskSpec:
+    """The task without what keeps its scale: wheels, another simulator and randomization."""
+    robots = [role.robot.model_copy(update={"base": "planar"}) for role in task.team]
+    pairs = zip(task.team, robots, strict=True)
+    team = tuple(role.model_copy(update={"robot": robot}) for role, robot in pairs)
+    planar = task.model_copy(update={"team": team})
+    return with_models(planar, backend="pymunk", randomization={})
+
+
+def _has_scale_of(recorded: Spec, spec: Spec) -> bool:
+    """Whether returns of recorded episodes compare with those that were measured in a spec."""
+    first, second = recorded.world, spec.world
+    if first is None or second is None:
+        return True  # another environment
+    return is_same_world(_usual(first), _usual(second))
+
+
+def _data_facts(
     dataset: str | None, digest: str | None, folders: Sequence[Path | str]
-) -> Figures | None:
-    """The figures of a dataset's own episodes: published, else from its files, else None."""
+) -> tuple[Figures | None, Spec | None]:
+    """The figures of a dataset's own episodes and its spec: published, else from its files."""
     if dataset is None:
-        return None
+        return None, None
     entry = published().get(dataset)
     if entry is not None and entry.digest == digest:
-        return entry
+        return entry, find_recipe(dataset).spec
     known = [Path(folder) for folder in folders]
     with suppress(UnknownNameError):  # an unpublished dataset outside the cache
         known += [each for each in (find_folder(dataset),) if (each / "manifest.json").exists()]
     for folder in known:
         stored = open_store(folder, "none")
         if stored.manifest.digest == digest:
-            return figures_of(stored.table)
-    return None
+            return figures_of(stored.table), stored.recipe.spec
+    return None, None

@@ -144,9 +144,13 @@ def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
 
 
 def check_team_rewards(team: NDArray[Any], rewards: NDArray[Any], where: str) -> None:
-    """Raises ConversionError for team rewards, [n], that are not the means of rewards, [n, N]."""
-    means = rewards.mean(axis=1, dtype=np.float64).astype(np.float32)
-    if not np.array_equal(team.astype(np.float32), means):
+    """Raises ConversionError for team rewards, [n], that are not the means of rewards, [n, N].
+
+    Who changes both rounds twice, so the means differ in their last bits.
+    """
+    means = rewards.mean(axis=1, dtype=np.float64)
+    rounded = 4 * np.finfo(np.float32).eps * np.abs(rewards).max(axis=1)
+    if not (np.abs(team - means) <= rounded).all():
         raise ConversionError(
             f"{where}: `rewards` were changed after the export, and are not the means of "
             "`infos/agent_rewards`, which are read. Change those too, or remove the note to "

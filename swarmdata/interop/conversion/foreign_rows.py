@@ -163,11 +163,11 @@ def team_shapes(
             f"{source} has observations of shape {tuple(observations)}, expected [n, O], "
             "[n, N * O] or [n, N, O]"
         )
-    n_agents = int(observations[1]) if len(observations) > 2 else choices.n_agents or 1
-    if choices.n_agents not in (None, n_agents) or not n_agents:
+    n_agents = int(observations[1]) if len(observations) > 2 else choices.team_size or 1
+    if choices.team_size not in (None, n_agents) or not n_agents:
         raise ConversionError(
             f"{source} has observations of shape {tuple(observations)}, which does not fit "
-            f"{choices.n_agents or n_agents} agents"
+            f"{choices.team_size or n_agents} agents"
         )
     sizes = {"observations": columns_of(observations), "actions": columns_of(actions.shape)}
     if wrong := {name: size for name, size in sizes.items() if size % n_agents}:

@@ -45,8 +45,10 @@ def spec_from_shapes(task: str, shapes: AgentShapes, choices: Choices) -> Record
     """The spec of an environment of which only data exist."""
     n = len(shapes.observations)
     names = choices.agents or tuple(f"agent_{k}" for k in range(n))
-    if len(names) != n:
-        raise ConversionError(f"{len(names)} agent names {names} for {n} agents in the data")
+    if choices.team_size not in (None, n):
+        raise ConversionError(
+            f"agents is {choices.agents or choices.team_size}, expected {n} as in the data"
+        )
     agents = [
         {
             "name": name,

@@ -1,6 +1,9 @@
 """Choices: what only the user knows about foreign data."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass, fields
+from math import isfinite
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal
 
@@ -30,12 +33,12 @@ class Choices:
 
     def __post_init__(self) -> None:
         problems = []
-        if self.time_limit is not None and self.time_limit < 0:
-            problems.append(f"time_limit is {self.time_limit}, expected 0 (none) or more")
-        for name in ("episode_length", "n_agents"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                problems.append(f"{name} is {value}, expected at least 1")
+        for name, least in (("time_limit", 0), ("episode_length", 1), ("n_agents", 1)):
+            value: Any = getattr(self, name)
+            if value is None:
+                continue
+            if type(value) is bool or not isinstance(value, Integral) or int(value) < least:
+                problems.append(f"{name} is {value!r}, expected a whole number of at least {least}")
         if self.final not in (None, "repeat", "cut"):
             problems.append(f"final is {self.final!r}, expected 'repeat' or 'cut'")
         if self.unfinished not in (None, "truncate", "drop"):
@@ -43,7 +46,10 @@ class Choices:
         if self.agents is not None and len(set(self.agents)) != len(self.agents):
             problems.append(f"agents are {self.agents}, expected different names")
         low, high = self.action_low, self.action_high
-        if low is not None and high is not None and low > high:
+        bounds: list[Any] = [each for each in (low, high) if each is not None]
+        if not all(isinstance(each, Real) and isfinite(each) for each in bounds):
+            problems.append(f"action_low is {low!r} and action_high {high!r}, expected numbers")
+        elif low is not None and high is not None and low > high:
             problems.append(f"action_low {low} is above action_high {high}")
         if problems:
             raise ConversionError("; ".join(problems))
@@ -58,10 +64,21 @@ class Choices:
         names = [each.name for each in fields(cls)]
         if unknown := answers.keys() - names:
             raise UnknownNameError("answer about foreign data", min(unknown), names)
-        if isinstance(agents, int) or (isinstance(agents, str) and agents.isdecimal()):
+        if isinstance(agents, str) and agents.isdecimal():
             return cls(n_agents=int(agents), **answers)
+        if not isinstance(agents, Iterable | None):
+            return cls(n_agents=agents, **answers)
         listed = agents.split(",") if isinstance(agents, str) else agents
         return cls(agents=None if listed is None else tuple(listed), **answers)
+
+    @property
+    def team_size(self) -> int | None:
+        """Number of agents, if it or their names were given."""
+        return self.n_agents if self.agents is None else len(self.agents)
+
+    def given(self) -> list[str]:
+        """Names of the answers that were given."""
+        return [each.name for each in fields(self) if getattr(self, each.name) is not None]
 
     def answered(self) -> dict[str, str]:
         """The answers that were given, for the record."""

@@ -15,6 +15,7 @@ from swarmdata.learn.training.run_files import run_hash
 from swarmdata.registry.presets import preset, preset_names
 from swarmdata.registry.published import published
 from swarmdata.specs.model_choice import with_models
+from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, grid, result
@@ -53,6 +54,22 @@ def test_the_score_and_the_mean_of_the_data_stand_beside() -> None:
     assert case.data == published()[MEDIUM]
     mean = published()[MEDIUM].mean_return
     assert case.data_score == pytest.approx(100 * (mean - reference.no_skill) / span)
+
+
+def test_the_data_do_not_stand_beside_results_of_another_task() -> None:
+    soft = COOP_NAV.with_updates(backend="mujoco")
+    for spec, has_data in ((preset("coop_nav-strict"), False), (soft, True)):
+        (case,) = group_results([result(spec=spec)]).cases
+        assert case.reference is not None
+        assert (case.data is not None) == has_data
+        assert case.recorded == COOP_NAV
+
+
+def test_the_data_of_a_side_have_no_score_because_others_played_against_it() -> None:
+    side = SideSpec(whole=preset("tag"), side="evader", opponents="scripted")
+    (case,) = group_results([result()]).cases
+    assert case.data_score is not None
+    assert replace(case, spec=side, reference=reference_of(side)).data_score is None
 
 
 def test_a_view_is_scored_like_its_world_and_is_a_case_of_its_own() -> None:

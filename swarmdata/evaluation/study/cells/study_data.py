@@ -4,6 +4,7 @@ import hashlib
 import json
 import re
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -47,12 +48,15 @@ class DatasetFacts(Frozen):
         if isinstance(dataset, Mixture):
             return cls._of_mixture(dataset)
         table, side = dataset.episodes, isinstance(dataset.spec, SideSpec)
+        figures = figures_of(table)
+        if isinstance(dataset, Dataset) and side:
+            figures = replace(figures, clean_success=_clean_success_of_side(dataset))
         return cls(
             id=str(dataset_key(dataset.id, dataset.view if side else None)),
             digest=dataset.digest,
             robot_collisions=float(table.robot_collisions.mean()),
             obstacle_collisions=float(table.obstacle_collisions.mean()),
-            figures=figures_of(table),
+            figures=figures,
             n_train_steps=int(dataset.filter(split="train").episodes.lengths.sum()),
         )
 
@@ -86,6 +90,14 @@ class DatasetFacts(Frozen):
         rule = Splits()
         share = 1.0 - (rule.validation + rule.test) / rule.block
         return round(share * self.figures.n_steps)
+
+
+def _clean_success_of_side(dataset: Dataset) -> float:
+    """The share of episodes that a side solves without touching anything, as it is evaluated."""
+    table, events = dataset.episodes, dataset.stored.arrays["events"]
+    episodes = zip(table.starts.tolist(), (table.starts + table.lengths).tolist(), strict=True)
+    touched = np.array([events[first:end].any() for first, end in episodes])
+    return float((table.success & ~touched).mean())
 
 
 def short_name(dataset: str) -> str:
