@@ -28,6 +28,8 @@ def baselines_section(dataset_id: str, digest: str, studies: Sequence[CommittedS
     """
     named = {study.name: _where(study.estimates, "dataset", dataset_id) for study in studies}
     same = {name: _where(rows, "digest", digest) for name, rows in named.items()}
+    if of_sides := [study.name for study in studies if _has_sides(study, dataset_id, digest)]:
+        return f"{BASELINES_TITLE}\nStudies of its sides: {_listed(of_sides)}.\n"
     if not any(same.values()):
         stale = " The runs of the study used other data with this id." * any(named.values())
         whole = dataset_id.replace("-mini-", "-")
@@ -42,6 +44,11 @@ def baselines_section(dataset_id: str, digest: str, studies: Sequence[CommittedS
     best, algorithms = next((each for each in found if not each[0].chose_settings), found[0])
     names.remove(best.name)
     return f"{BASELINES_TITLE}\n{_table(algorithms)}\n{_source(best, algorithms, names)}\n"
+
+
+def _has_sides(study: CommittedStudy, dataset_id: str, digest: str) -> bool:
+    rows = _where(study.estimates, "digest", digest)
+    return any(row["dataset"].startswith(f"{dataset_id}@") for row in rows)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -38,7 +38,7 @@ def test_every_folder_with_a_plan_is_a_study_of_this_version() -> None:
     assert not {study.name: study.chose_settings for study in found}["regimes"]
     version = f"-v{NEWEST_VERSION}"
     for row in (row for study in found for row in study.estimates if row["dataset"]):
-        name, is_own, _ = row["dataset"].partition("-v0")
+        name, is_own, _ = row["dataset"].partition("@")[0].partition("-v0")
         assert not is_dataset(name + version) if is_own else name.endswith(version)
 
 

@@ -18,7 +18,7 @@ from swarmdata.interop.formats import find_format
 from swarmdata.store.scratch import scratch_folder
 from swarmdata.testing.synthetic import make_dataset
 from swarmdata.types import END_REASONS
-from tests.interop.foreign import WRITERS, TakeIn, check_timeline, hdf5, timeline
+from tests.interop.foreign import NEEDS, WRITERS, TakeIn, check_timeline, hdf5, timeline
 
 
 def test_rows_are_aligned_and_none_is_missing(ours: Dataset, tmp_path: Path) -> None:
@@ -128,6 +128,7 @@ def test_a_changed_export_is_refused(ours: Dataset, tmp_path: Path) -> None:
 def test_team_rewards_that_were_changed_are_not_ignored(
     ours: Dataset, tmp_path: Path, format: str, file: str, key: str
 ) -> None:
+    pytest.importorskip(NEEDS.get(format, "h5py"), reason=f"the extra of {format}")
     path = export_dataset(ours, tmp_path / ours.id, format=format)
     with h5py.File(path / file, "r+") as opened:
         opened[key][1] += 1.0

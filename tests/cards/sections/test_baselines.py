@@ -76,6 +76,12 @@ def test_other_datasets_and_other_content_are_not_shown() -> None:
     assert "used other data with this id" in section(other)
 
 
+def test_studies_of_sides_are_named() -> None:
+    of_a_side = make_rows("bc", 1.0, dataset="coop_nav-small-v0@pursuers")
+    assert section(study("sides", of_a_side)).endswith("Studies of its sides: `sides`.\n")
+    assert "No results" in section(study("sides", make_rows("bc", 1.0, dataset="other-v0@evader")))
+
+
 def test_a_mini_names_the_card_with_the_results_on_the_whole_dataset() -> None:
     whole = study("tiny", make_rows("bc", 1.0, dataset="coop_nav-x-v1"))
     text = baselines_section("coop_nav-x-mini-v1", "c" * 64, [whole])
