@@ -56,6 +56,7 @@ class Canvas:
         import PIL.ImageDraw  # noqa: PLC0415  (Pillow is an extra; `pillow` has checked it)
 
         self._image, self._pen = image, PIL.ImageDraw.Draw(image, "RGBA")
+        self._filler = PIL.ImageDraw.Draw(image)  # ten times as fast: it does not blend
 
     def copy(self) -> "Canvas":
         twin = copy(self)
@@ -124,9 +125,9 @@ class Canvas:
             curve = [np.interp(at, along, places[:, axis]) for axis in (0, 1)]
             self.ribbon(np.stack(curve, axis=1), color, width)
 
-    def rectangle(self, x0: float, y0: float, x1: float, y1: float, fill: Color | Ink) -> None:
-        """Draws an axis-aligned rectangle between its lower left and upper right corners."""
-        self._pen.rectangle((*self.point(x0, y1), *self.point(x1, y0)), fill=fill)
+    def rectangle(self, x0: float, y0: float, x1: float, y1: float, fill: Color) -> None:
+        """Fills an axis-aligned rectangle between its lower left and upper right corners."""
+        self._filler.rectangle((*self.point(x0, y1), *self.point(x1, y0)), fill=fill)
 
     def write_caption(self, text: str) -> None:
         """Writes one line of text below the arena, in a smaller font if it would not fit."""

@@ -2,8 +2,10 @@
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import fields
 from typing import Any, NoReturn
 
+import torch
 from torch.utils.data import IterableDataset, get_worker_info
 
 from swarmdata.datasets.sampling import SampledView
@@ -34,11 +36,39 @@ class TorchBatches(IterableDataset[Batch]):
         while True:
             index = sampler.draw()
             if number % n_workers == first:
-                yield sampler.gather(index).to_torch()
+                batch = sampler.gather(index).to_torch()
+                yield batch if worker is None else _SentBatch(**_values(batch))
             number += 1
 
     def __repr__(self) -> str:
         return f"<batches of {self._view!r:.200}>"
+
+
+class _SentBatch(Batch):
+    """Tensors that a worker sends as arrays: torch would open a file for each of them."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        arrays = {name: v.numpy() for name, v in _values(self).items() if _is_plain(v)}
+        others = {name: v for name, v in _values(self).items() if name not in arrays}
+        return _received, (arrays, others)
+
+
+def _received(arrays: dict[str, Any], others: dict[str, Any]) -> Batch:
+    return Batch(**{name: torch.from_numpy(array) for name, array in arrays.items()}, **others)
+
+
+def _values(batch: Batch) -> dict[str, Any]:
+    return {field.name: getattr(batch, field.name) for field in fields(Batch)}
+
+
+def _is_plain(value: object) -> bool:
+    """Whether it is a tensor as samplers give it, not one that a `collate_fn` moved or cast."""
+    kinds = (torch.float32, torch.uint8, torch.bool, torch.int64)
+    if not isinstance(value, torch.Tensor):
+        return False
+    return value.is_cpu and value.dtype in kinds and not value.requires_grad
 
 
 def explain_stacking() -> None:

@@ -27,7 +27,7 @@ from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.assembly import assemble
-from swarmdata.store.parts import write_part
+from swarmdata.store.parts import write_scratch_part
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 from swarmdata.types import Counts, Episode
 
@@ -202,7 +202,7 @@ def _write_parts(
         for policy, group in held.items():
             folders = parts.setdefault(policy, [])
             folders.append(build / f"policy-{policy}-part-{len(folders):05d}")
-            write_part(folders[-1], group)
+            write_scratch_part(folders[-1], group)
         held.clear()
 
     for episode in episodes:

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from swarmdata.errors import DatasetError, MissingFileError, SchemaError, TruncatedFileError
-from swarmdata.runtime.atomic import new_folder
+from swarmdata.runtime.atomic import disk_full_explained, new_folder
 from swarmdata.store.arrays.layout import ALL_FIELDS, OPTIONAL_FIELDS, TIME_FIELDS
 from swarmdata.store.table import PART_COLUMNS, PartTable, measure
 from swarmdata.types import Episode
@@ -26,24 +26,46 @@ def write_part(folder: Path, episodes: Sequence[Episode]) -> None:
     Raises:
         SchemaError: no episodes, several policies, or arrays that do not fit together.
     """
+    table = _table_of(folder, episodes)
+    with new_folder(folder) as temporary:
+        _save(temporary, table, episodes)
+
+
+def write_scratch_part(folder: Path, episodes: Sequence[Episode]) -> None:
+    """Writes a part for this process alone, which does not wait until it is on the disk.
+
+    Raises:
+        SchemaError: as `write_part`.
+        DiskFullError: no space was left.
+    """
+    table = _table_of(folder, episodes)
+    with disk_full_explained(folder, folder):
+        folder.mkdir()
+        _save(folder, table, episodes)
+
+
+def _table_of(folder: Path, episodes: Sequence[Episode]) -> PartTable:
+    """The table of a part, of episodes that fit together (SchemaError)."""
     if not episodes:
         raise SchemaError(f"part {folder} has no episodes, expected at least 1")
     policies = {episode.policy for episode in episodes}
     if len(policies) > 1:
         raise SchemaError(f"part {folder} mixes policies {sorted(policies)}, expected one")
-    table = np.array([measure(episode) for episode in episodes], dtype=PART_COLUMNS)
     optional = {episode.optional for episode in episodes}
     if len(optional) > 1:
         raise SchemaError(f"part {folder} has episodes with {sorted(optional)}, expected one kind")
-    names = (*TIME_FIELDS, *episodes[0].optional)
-    arrays = {name: [getattr(e, name) for e in episodes] for name in names}
+    return np.array([measure(episode) for episode in episodes], dtype=PART_COLUMNS)
+
+
+def _save(folder: Path, table: PartTable, episodes: Sequence[Episode]) -> None:
+    """Writes the files of a part."""
     layouts = [episode.layout[None] for episode in episodes]
-    with new_folder(folder) as temporary:
-        np.save(temporary / _TABLE, table, allow_pickle=False)
-        np.save(temporary / _LAYOUTS, _join("layout", layouts, ("float32",)), allow_pickle=False)
-        for name, values in arrays.items():
-            joined = _join(name, values, ALL_FIELDS[name].dtypes)
-            np.save(temporary / f"{name}.npy", joined, allow_pickle=False)
+    np.save(folder / _TABLE, table, allow_pickle=False)
+    np.save(folder / _LAYOUTS, _join("layout", layouts, ("float32",)), allow_pickle=False)
+    for name in (*TIME_FIELDS, *episodes[0].optional):
+        values = [getattr(episode, name) for episode in episodes]
+        joined = _join(name, values, ALL_FIELDS[name].dtypes)
+        np.save(folder / f"{name}.npy", joined, allow_pickle=False)
 
 
 def check_episode(episode: Episode) -> None:

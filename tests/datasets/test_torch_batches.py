@@ -1,7 +1,11 @@
 """Batches for a torch `DataLoader`: the sampler's stream, whatever the number of workers."""
 
 import itertools
+import pickle
+from dataclasses import fields, replace
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +13,7 @@ import pytest
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import mix
 from swarmdata.errors import SchemaError
+from swarmdata.types import Batch
 from tests.support.pairs import slow
 
 data = pytest.importorskip("torch.utils.data", reason="a DataLoader is torch's")
@@ -31,6 +36,26 @@ def test_a_loader_yields_the_stream_of_the_sampler(
     for got, expected in itertools.islice(zip(loader, stream, strict=False), 7):
         np.testing.assert_array_equal(got.observations.numpy(), expected.observations)
         np.testing.assert_array_equal(got.episodes.numpy(), expected.episodes)
+
+
+def test_a_worker_sends_its_tensors_together(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    torch = pytest.importorskip("torch")
+    worker = SimpleNamespace(id=0, num_workers=1)
+    monkeypatch.setattr("swarmdata.datasets.torch_batches.get_worker_info", lambda: worker)
+    batch = next(iter(dataset.to_torch(8)))
+    sent = bytes(ForkingPickler.dumps(batch))
+    assert b"rebuild_tensor" not in sent  # torch's way, which opens a file for each tensor
+    got = pickle.loads(sent)
+    assert type(got) is Batch
+    for field in fields(Batch):
+        value, expected = getattr(got, field.name), getattr(batch, field.name)
+        assert value is None if expected is None else torch.equal(value, expected)
+    cast = replace(batch, rewards=batch.rewards.bfloat16(), states=batch.states.numpy())
+    again = pickle.loads(bytes(ForkingPickler.dumps(cast)))
+    assert again.rewards.dtype == torch.bfloat16
+    assert isinstance(again.states, np.ndarray)
 
 
 def test_mixtures_are_loaded_too(dataset: Dataset) -> None:

@@ -1,5 +1,6 @@
 """Importing is whole or not at all, and can be done again."""
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,19 @@ def test_an_interrupted_import_leaves_nothing_and_can_be_repeated(
     assert not left.exists()
     again = import_dataset(source, tmp_path / "out", format="d4rl", id="coop_nav-back-v0")
     assert again.digest == made.digest
+
+
+def test_an_import_waits_for_the_disk_as_often_for_many_parts_as_for_few(
+    source: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A killed import begins anew, so that only its dataset has to be on the disk."""
+    flushed: list[int] = []
+    monkeypatch.setattr(os, "fsync", flushed.append)
+    import_dataset(source, tmp_path / "few", format="d4rl", id="coop_nav-back-v0")
+    n_few = len(flushed)
+    monkeypatch.setattr("swarmdata.interop.convert.BLOCK_BYTES", 100)
+    import_dataset(source, tmp_path / "many", format="d4rl", id="coop_nav-back-v0")
+    assert len(flushed) == 2 * n_few > 0
 
 
 def test_answers_about_an_export_are_refused(source: Path, tmp_path: Path) -> None:

@@ -19,11 +19,15 @@ from swarmdata.hub.streaming.remote_arrays import RemoteArrays
 from swarmdata.registry.components import make_task
 from swarmdata.specs.origins import Origin, task_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import EpisodeTable, Manifest
+from swarmdata.store import SPLITS, EpisodeTable, Manifest
 from swarmdata.store.arrays.layout import ALL_FIELDS
-from swarmdata.types import Int
+from swarmdata.store.arrays.running_moments import RunningMoments
+from swarmdata.types import Double, Int
 
 BLOCK_STEPS = 10_000  # joint steps of a block, about those of a chunk
+
+N_MEASURED_BLOCKS = 16
+"""Blocks on which the observations of other sensors are measured to normalize them."""
 
 N_FETCHERS = 4  # arrays of a block that are fetched at a time
 
@@ -65,6 +69,21 @@ class EpisodeBlocks:
         steps: Int = np.append(self.table.starts, self.manifest.n_steps)[self.firsts]
         return steps
 
+    @cached_property
+    def observation_moments(self) -> tuple[Double, Double]:
+        """Mean and deviation of observations, [O], in `N_MEASURED_BLOCKS` of the train split."""
+        train = self.table.split == SPLITS.index("train")
+        live = np.unique(self.block_of(np.flatnonzero(train)))
+        places = np.arange(min(N_MEASURED_BLOCKS, len(live))) * len(live)
+        moments = RunningMoments()
+        for block in live[places // min(N_MEASURED_BLOCKS, len(live))].tolist():
+            rows = self.read(block, ("observations",))["observations"]
+            episodes = slice(int(self.firsts[block]), int(self.firsts[block + 1]))
+            chosen = np.repeat(train[episodes], self.table.lengths[episodes] + 1)
+            moments.add(rows[chosen].reshape(-1, rows.shape[-1]))
+        mean, std = moments.result()
+        return np.array(mean), np.array(std)
+
     def block_of(self, episodes: Int | int) -> Any:
         return np.searchsorted(self.firsts, episodes, side="right") - 1
 
@@ -73,7 +92,8 @@ class EpisodeBlocks:
         block = int(self.block_of(number))
         held = self._last.get(block, {})
         if name not in held:
-            held = held | self.read(block, (name,))
+            is_computed = self.spec is not None and name in OBSERVED_ARRAYS
+            held = held | self.read(block, OBSERVED_ARRAYS if is_computed else (name,))
             self._last.clear()
             self._last[block] = held
         first, n_rows = int(self.table.starts[number]), int(self.table.lengths[number])

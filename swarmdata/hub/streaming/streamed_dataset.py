@@ -20,16 +20,11 @@ from swarmdata.registry.published import Reference
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.model_choice import Source, chosen_models
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import RECIPE
-from swarmdata.store.arrays.running_moments import RunningMoments
 from swarmdata.store.stored_dataset import check_listing, check_spec, read_origin, read_table
-from swarmdata.types import Double, Int, shortened
+from swarmdata.types import Int, shortened
 
 STREAMS = "streams"  # folder of chunks in the cache
-
-N_MEASURED_BLOCKS = 16
-"""Blocks on which the observations of other sensors are measured to normalize them."""
 
 
 @dataclass(frozen=True)
@@ -94,22 +89,8 @@ class StreamedDataset(View[WindowSampler]):
         moments = Moments.of(self.blocks.manifest.statistics)
         if self.blocks.spec is None:
             return moments
-        mean, std = self._measured()
+        mean, std = self.blocks.observation_moments
         return replace(moments, observation_mean=mean, observation_std=std)
-
-    def _measured(self) -> tuple[Double, Double]:
-        blocks = self.blocks
-        train = blocks.table.split == SPLITS.index("train")
-        live = np.unique(blocks.block_of(np.flatnonzero(train)))
-        places = np.arange(min(N_MEASURED_BLOCKS, len(live))) * len(live)
-        moments = RunningMoments()
-        for block in live[places // min(N_MEASURED_BLOCKS, len(live))].tolist():
-            rows = blocks.read(block, ("observations",))["observations"]
-            episodes = slice(int(blocks.firsts[block]), int(blocks.firsts[block + 1]))
-            chosen = np.repeat(train[episodes], blocks.table.lengths[episodes] + 1)
-            moments.add(rows[chosen].reshape(-1, rows.shape[-1]))
-        mean, std = moments.result()
-        return np.array(mean), np.array(std)
 
     def __repr__(self) -> str:
         return shortened(

@@ -39,6 +39,20 @@ def test_floor_walls_robots_and_goals_are_where_they_are() -> None:
     assert pixel(image, -1, -1) == LEFT  # the dot in an open goal
 
 
+def test_floor_and_walls_are_filled_and_not_blended(monkeypatch: pytest.MonkeyPatch) -> None:
+    from PIL.ImageDraw import ImageDraw
+
+    modes, rectangle = [], ImageDraw.rectangle
+
+    def counted(pen: ImageDraw, *args: Any, **options: Any) -> None:
+        modes.append(pen.mode)  # RGBA: each pixel is blended with what is below it
+        rectangle(pen, *args, **options)
+
+    monkeypatch.setattr(ImageDraw, "rectangle", counted)
+    draw(SPEC, EMPTY, STATE)
+    assert modes == ["RGB", "RGB"]
+
+
 def test_obstacles_are_drawn_from_the_same_bars_as_the_physics() -> None:
     layout = np.array(
         [

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import swarmdata
+from swarmdata.datasets import reobservation
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture
 from swarmdata.errors import ChecksumError, HubError, SchemaError, SpecError
@@ -278,6 +279,25 @@ def test_recorded_states_are_observed_again_block_by_block(tiny: Path, tmp_path:
     assert np.array_equal(data[2].delivered, whole[2].delivered)
     found, exact = data.moments, whole.moments  # all blocks are measured
     np.testing.assert_allclose(found.observation_mean, exact.observation_mean, rtol=1e-6)
+
+
+def test_a_block_is_observed_again_once_for_all_arrays_and_for_all_moments(
+    tiny: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    observe, observed = reobservation.observe_episodes, list[Any]()
+
+    def counted(*arguments: Any, **options: Any) -> dict[str, Any]:
+        observed.append(arguments)
+        return observe(*arguments, **options)
+
+    monkeypatch.setattr(episode_blocks, "observe_episodes", counted)
+    data = swarmdata.load(tiny, stream=True, observation="lidar-8", communication="lossy-30")
+    n_blocks = len(data.blocks.firsts) - 1
+    assert all(len(episode.ages) == len(episode.observations) for episode in data)
+    assert len(observed) == n_blocks > 1
+    observed.clear()
+    assert data.split("train").moments.observation_mean is data.moments.observation_mean
+    assert len(observed) <= n_blocks
 
 
 def test_recorded_observations_are_not_fetched_to_observe_again(tiny: Path, tmp_path: Path) -> None:
