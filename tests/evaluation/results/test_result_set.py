@@ -19,7 +19,7 @@ from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import EvalResult
 from tests.support.measured import COOP_NAV, EXPERT, MEDIUM, grid, result
-from tests.support.tiny import make_tiny
+from tests.support.tiny import TINY, make_tiny
 
 FORMATION = preset("formation")
 
@@ -124,7 +124,7 @@ def test_the_mean_of_an_own_dataset_is_read_from_its_files(tmp_path: Path) -> No
 
     folder = make_tiny(tmp_path / "tiny")
     digest = read_manifest(folder).digest
-    own = result()
+    own = result(spec=TINY.spec)
     provenance = own.provenance.model_copy(update={"dataset": "coop_nav-tiny-v0", "digest": digest})
     own = replace(own, provenance=provenance)
     assert group_results([own]).cases[0].data is None
