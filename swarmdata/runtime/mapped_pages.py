@@ -56,9 +56,9 @@ def take_rows(array: NDArray[Any], rows: NDArray[np.int64]) -> NDArray[Any]:
 
 
 def gather_rows(array: NDArray[Any], rows: NDArray[np.int64]) -> NDArray[Any]:
-    """Returns a copy of some rows, as many pages as that takes stay resident.
+    """Returns a copy of some rows, whose pages stay resident, unlike with `take_rows`.
 
-    `take` is the fastest, but copies all of an array whose rows lie apart, as those of a side do.
+    `take` is faster, but first copies the whole of an array that is not contiguous, such as a side.
     """
     return array.take(rows, axis=0) if array.flags.c_contiguous else array[rows]
 

@@ -1,1 +1,4 @@
-"""Figures of estimates, saved to a path whose suffix is the format; there is something to draw."""
+"""Figures of estimates, saved to a path whose suffix is the format.
+
+Callers make sure that there is something to draw.
+"""

@@ -155,7 +155,7 @@ def onnx_target(files: Sequence[Path], spec: TaskSpec, label: str) -> Target:
 
 
 def find_dataset(name: str) -> str | Path | None:
-    """The id of a dataset of the package, or the folder of another one in the cache or there."""
+    """The id of a dataset of the package, or the folder of another: cached, or a path."""
     if is_dataset(name):
         return name
     if name in POLICIES or name in TIERS:

@@ -279,7 +279,7 @@ def reference_of(spec: Spec) -> Reference | None:
 
 
 def _usual(task: TaskSpec) -> TaskSpec:
-    """The task without what keeps its scale: wheels, another simulator and randomization."""
+    """The task without wheels, other simulators and randomization, which leave the scale."""
     robots = [role.robot.model_copy(update={"base": "planar"}) for role in task.team]
     pairs = zip(task.team, robots, strict=True)
     team = tuple(role.model_copy(update={"robot": robot}) for role, robot in pairs)

@@ -181,8 +181,10 @@ def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:
     ends = world is not None and world.on_collision == "fail"
     choice = choose_algorithm(EpisodeStatistics.of(train), contact_ends=ends)
     if isinstance(train.spec, SideSpec):
-        whose = "the rule was measured on teams without opponents, who decide what a success tells"
-        choice = replace(choice, doubts=(*choice.doubts, whose))
+        rule = (
+            "the rule was measured without opponents, whose strength decides what a success means"
+        )
+        choice = replace(choice, doubts=(*choice.doubts, rule))
     if np.ptp(train.episodes.team_return) == 0:
         reason = "all episodes have the same return, so that none is better than another"
         choice = AlgorithmChoice("bc", (reason,), ())

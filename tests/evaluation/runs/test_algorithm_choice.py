@@ -227,7 +227,7 @@ def test_few_episodes_are_not_certain_and_without_differences_of_returns_are_clo
 def test_opponents_leave_a_doubt(tmp_path: Path) -> None:
     spec = preset("tag").with_updates(horizon=20)
     data = make_tiny(tmp_path / "tag-tiny-v0", id="tag-tiny-v0", spec=spec, policies=SCRIPTED)
-    assert "Not certain: the rule was measured on teams" in (
+    assert "Not certain: the rule was measured without opponents" in (
         choose_for(Dataset.open(data).side("pursuers")).line
     )
 
