@@ -41,7 +41,7 @@ from swarmdata.specs.features import Feature
 from swarmdata.specs.sensing_models import LidarModel
 from swarmdata.specs.state_layout import TX, TY, UX, UY, VX, VY, X, Y, robots_of
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.store import SPLITS
+from swarmdata.store import SPLITS, EpisodeTable
 from swarmdata.types import END_REASONS, Double, Episode, Float
 
 EPISODE_GAP = 10.0  # seconds from the last state of an episode to the first of the next one
@@ -65,12 +65,12 @@ class Message:
 
 def messages_of(dataset: Dataset) -> Iterator[Message]:
     """Yields the messages of a view of a dataset, in the order of their times."""
-    names, world = array_names(dataset), dataset.spec.world
+    names, world, table = array_names(dataset), dataset.spec.world, dataset.episodes
     features = () if world is None else features_of(make_task(world))
     step, start = (dataset.spec.time_step or 1.0) * _SECOND, _SECOND
     for k, episode in enumerate(dataset):
         times = [start + round(row * step) for row in range(len(episode) + 1)]
-        yield _facts(dataset, k, times[0])
+        yield _facts(dataset, table, k, times[0])
         if episode.layout.size:
             yield _array("/team/layout", episode.layout, times[0])
         for row, time in enumerate(times):
@@ -80,9 +80,8 @@ def messages_of(dataset: Dataset) -> Iterator[Message]:
         start = times[-1] + round(EPISODE_GAP * _SECOND)
 
 
-def _facts(dataset: Dataset, k: int, time: int) -> Message:
-    """What the table says of episode k of a view."""
-    table = dataset.episodes
+def _facts(dataset: Dataset, table: EpisodeTable, k: int, time: int) -> Message:
+    """What the table of a view says of its episode k."""
     facts = {
         "episode": int(dataset.selection[k]),
         "steps": int(table.lengths[k]),
