@@ -1,5 +1,6 @@
 """`swarmdata push`, `swarmdata pull` and `swarmdata remote ...`: datasets on remote hubs."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -73,7 +74,7 @@ def pull(
     else:
         remotes = (origin,) if origin is not None else configured_remotes()
         remote, release = find_release(
-            _versioned(dataset), remotes, lambda problem: typer.echo(problem, err=True)
+            _versioned(dataset, remotes), remotes, lambda problem: typer.echo(problem, err=True)
         )
     folder = obtain_release(remote, release, out or cache_folder() / "datasets" / release.id)
     manifest = read_manifest(folder)
@@ -152,12 +153,15 @@ def _warn_if_overridden() -> None:
         typer.echo("SWARMDATA_REMOTES is set, so this file is not used.", err=True)
 
 
-def _versioned(dataset: str) -> str:
-    """Adds the newest version to an id of the package; other ids must have one."""
+def _versioned(dataset: str, remotes: Sequence[str]) -> str:
+    """Adds the newest version to an id without one: the package's, else that on the remotes."""
+    from swarmdata.hub.catalog.sources import Remotes
     from swarmdata.registry.recipes import find_recipe, is_dataset, shipped_recipes
-    from swarmdata.runtime.outside_names import split_id
+    from swarmdata.runtime.outside_names import is_id, split_id
 
     if is_dataset(dataset):
         return find_recipe(dataset).id
+    if not is_id(dataset) and is_id(f"{dataset}-v0") and (id_ := Remotes(remotes).newest(dataset)):
+        return id_
     split_id(dataset, shipped_recipes())
     return dataset

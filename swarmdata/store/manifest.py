@@ -156,7 +156,7 @@ def _digest(blank: bytes) -> bytes:
 def repair_hint(folder: Path) -> str:
     """What to do about a dataset that cannot be used; never to delete anything."""
     if not is_dataset(folder):
-        return f"{folder} has nothing else that only a dataset of swarmdata has."
+        return f"{_nothing(folder)} that only a dataset of swarmdata has."
     hint = f"{_repair(folder)} --repair`, which replaces what is broken"
     data = None
     try:
@@ -186,7 +186,13 @@ def file_changed(path: Path, name: str) -> ChecksumError:
 
 def without_hint(message: str, folder: Path) -> str:
     """The message of an error without its `repair_hint`."""
-    return message.partition(_repair(folder))[0].rstrip(" .")
+    for hint in (_repair(folder), _nothing(folder)):
+        message = message.partition(hint)[0]
+    return message.rstrip(" .")
+
+
+def _nothing(folder: Path) -> str:
+    return f"{folder} has nothing else"
 
 
 def _repair(folder: Path) -> str:

@@ -28,6 +28,7 @@ def test_push_and_pull(
     assert f"from {address}/{ID}" in shown
     assert (cache_folder / "datasets" / ID / "card.md").exists()
     assert "another" not in run("pull", ID)
+    assert f"from {address}/{ID}" in run("pull", ID.removesuffix("-v0"))
     assert "is published at" in run("push", ID, address)
 
 

@@ -74,11 +74,14 @@ class Remotes:
         """Asks which version or release is meant; `folder` stays None where there is none."""
         if request.address is not None:
             return self._located(request, request.address)
+        newest = None
         if request.folder is None and is_id(f"{request.text}-v0"):
-            ids = [*cached_ids(request.place), *self._listed()]
-            if newest := _newest(request.text, ids):
-                return replace(request, folder=request.place / newest)
-        return request
+            newest = self.newest(request.text, cached_ids(request.place))
+        return replace(request, folder=request.place / newest) if newest else request
+
+    def newest(self, name: str, others: Iterable[str] = ()) -> str | None:
+        """The id of the newest version of a name on the remotes and among other ids."""
+        return _newest(name, [*others, *self._listed()])
 
     def get(self, request: Request) -> Found | None:
         """Fetches the dataset; an address is fetched from there or is an error."""

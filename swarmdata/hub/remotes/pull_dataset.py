@@ -22,7 +22,13 @@ from swarmdata.runtime.atomic import disk_full_explained, is_vacant, put_in_plac
 from swarmdata.runtime.locking import beside, locked
 from swarmdata.store.arrays.layout import MANIFEST
 from swarmdata.store.arrays.shards import file_digest
-from swarmdata.store.manifest import MAX_MANIFEST_BYTES, FileEntry, Manifest, read_manifest
+from swarmdata.store.manifest import (
+    MAX_MANIFEST_BYTES,
+    FileEntry,
+    Manifest,
+    read_manifest,
+    without_hint,
+)
 from swarmdata.store.scratch import remove_scratch, scratch_folder
 
 N_WORKERS = 4  # files fetched at a time
@@ -198,8 +204,9 @@ def _read_manifest(remote: Remote, release: Release, folder: Path) -> Manifest:
         except DatasetError as error:
             (folder / MANIFEST).unlink()
             if attempt == 2:
+                problem = without_hint(str(error), folder).replace(str(folder), release.address)
                 raise ChecksumError(
-                    f"{release.address} has no usable manifest, it was fetched twice: {error} "
+                    f"{release.address} has no usable manifest, it was fetched twice: {problem}. "
                     "Pull from another remote, and tell whoever publishes there."
                 ) from error
     raise AssertionError("the second attempt returns or raises")

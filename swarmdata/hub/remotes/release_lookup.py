@@ -8,6 +8,12 @@ from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release, Remote
 from swarmdata.specs.plain_names import without_version
 
+PRIVATE = (
+    "A Hub says the same of a private dataset: if it is one, log in with `hf auth login`, or set "
+    "HF_TOKEN."
+)
+"""What an absent dataset of a Hub may be instead."""
+
 
 def locate(address: str) -> tuple[Remote, Release]:
     """Finds the dataset at an address such as `hf://org/coop_nav-medium@v1`.
@@ -38,6 +44,7 @@ def locate(address: str) -> tuple[Remote, Release]:
             f"there is no dataset at {found}."
             f"{did_you_mean(found.dataset, known)} "
             f"`swarmdata remote list {found.remote}` shows what is there."
+            f"{f' {PRIVATE}' if isinstance(remote, HubRemote) else ''}"
         )
     return remote, release
 
@@ -61,4 +68,6 @@ def find_release(
         if release is not None:
             return remote, release
     asked = ", ".join(addresses) or "none is configured; `swarmdata remote add ADDRESS` adds one"
+    if any(address.startswith("hf://") for address in addresses):
+        failures.append(PRIVATE)
     raise HubError(f"no remote has {dataset_id} (asked: {asked}). " + " ".join(failures))

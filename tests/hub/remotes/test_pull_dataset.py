@@ -226,6 +226,17 @@ def test_a_manifest_that_must_not_be_followed(
     assert not (tmp_path / ID).exists()
 
 
+def test_a_page_in_place_of_a_manifest(root: Path, tmp_path: Path) -> None:
+    def log_in(file: str, content: bytes) -> bytes:
+        return b"<html>Log in</html>"
+
+    with pytest.raises(ChecksumError, match="has no usable manifest") as caught:
+        pull(Tampered(root, log_in), RELEASE, tmp_path / "copy", progress=False)
+    assert str(tmp_path / "copy") not in str(caught.value)
+    assert "has nothing else" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_full_disk_is_seen_before(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,8 @@
 
 import os
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -25,24 +27,25 @@ class FolderRemote:
 
     def find(self, dataset_id: str) -> Release | None:
         split_id(dataset_id)
-        self._check_reachable()
-        if not (self._root / dataset_id / MANIFEST).is_file():
-            return None
+        with self._reading():
+            if not (self._root / dataset_id / MANIFEST).is_file():
+                return None
         return Release(dataset_id, f"{self.address}/{dataset_id}")
 
     def ids(self) -> tuple[str, ...]:
-        self._check_reachable()
-        return tuple(
-            sorted(
-                path.name
-                for path in self._root.iterdir()
-                if is_id(path.name) and (path / MANIFEST).is_file()
+        with self._reading():
+            return tuple(
+                sorted(
+                    path.name
+                    for path in self._root.iterdir()
+                    if is_id(path.name) and (path / MANIFEST).is_file()
+                )
             )
-        )
 
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
-        source = self._source(release, file)
-        check_size(str(source), source.stat().st_size, size)
+        with self._reading():
+            source = self._source(release, file)
+            check_size(str(source), source.stat().st_size, size)
         part = out.with_name(f"{out.name}.part")
         try:
             shutil.copyfile(source, part)
@@ -53,19 +56,16 @@ class FolderRemote:
         part.replace(out)
 
     def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
-        source = self._source(release, file)
-        try:
+        with self._reading():
+            source = self._source(release, file)
             with source.open("rb") as stream:
                 content = os.pread(stream.fileno(), size, first)
-        except OSError as error:
-            raise HubError(f"{source} cannot be read: {error}.") from error
         if len(content) != size:
             raise HubError(f"{source} ends at byte {first + len(content)}, expected {first + size}")
         return content
 
     def _source(self, release: Release, file: str) -> Path:
         source = self._root / release.id / file
-        self._check_reachable()
         if not source.is_file():
             raise AbsentFileError(f"{release.address} has no file {file!r}.")
         if not source.resolve().is_relative_to(self._root.resolve()):
@@ -98,9 +98,9 @@ class FolderRemote:
         return Release(dataset_id, f"{self.address}/{dataset_id}")
 
     def part_files(self, folder: str) -> tuple[str, ...]:
-        self._check_reachable()
-        found = self._root / folder
-        return tuple(sorted(p.name for p in found.iterdir())) if found.is_dir() else ()
+        with self._reading():
+            found = self._root / folder
+            return tuple(sorted(p.name for p in found.iterdir())) if found.is_dir() else ()
 
     def send_part_file(self, folder: str, name: str, content: bytes) -> None:
         self._check_reachable()
@@ -109,6 +109,20 @@ class FolderRemote:
             write_file(self._root / folder / name, content)
         except OSError as error:
             raise HubError(f"sending {name} to {self.address}/{folder} failed: {error}.") from error
+
+    @contextmanager
+    def _reading(self) -> Iterator[None]:
+        """Makes what the disk refuses a failure of this remote, so that the next one is asked."""
+        try:
+            self._check_reachable()
+            yield
+        except HubError:
+            raise
+        except OSError as error:
+            raise HubError(
+                f"{error.filename or self._root} of the remote {self.address} cannot be read: "
+                f"{error.strerror}."
+            ) from error
 
     def _check_reachable(self) -> None:
         if not self._root.is_dir():

@@ -67,3 +67,19 @@ def test_an_unmounted_folder_is_not_an_empty_one(tmp_path: Path) -> None:
             ask()
     with pytest.raises(HubError, match="mount what it is on"):
         remote.read(Release(ID, "file:///gone"), "x", tmp_path / "x", 1)
+
+
+def test_a_folder_that_may_not_be_read_is_a_failed_remote(
+    remote: FolderRemote, dataset: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    release = remote.publish(dataset, ID)
+
+    def refuse(path: Path) -> bool:
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_file", refuse)  # the superuser may read everything
+    for ask in (lambda: remote.find(ID), remote.ids):
+        with pytest.raises(HubError, match="cannot be read: Permission denied"):
+            ask()
+    with pytest.raises(HubError, match="cannot be read: Permission denied"):
+        remote.read(release, "manifest.json", tmp_path / "x", 10_000)

@@ -8,6 +8,7 @@ from swarmdata.errors import AbsentFileError, HubError
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release
 from swarmdata.hub.remotes.pull_dataset import pull
+from swarmdata.hub.remotes.release_lookup import find_release, locate
 from swarmdata.testing.synthetic import RELEASE_CARD
 from tests.hub.remotes.conftest import ID, NAME, NEXT, TOKEN, is_pulled
 from tests.hub.remotes.faults import Fault
@@ -90,6 +91,13 @@ def test_offline_asks_nothing(
     with pytest.raises(HubError, match=f"because {variable} is set"):
         remote.find(ID)
     assert hub.log == []
+
+
+def test_what_is_absent_may_be_private(remote: HubRemote) -> None:
+    with pytest.raises(HubError, match=r"private dataset.*hf auth login"):
+        locate("hf://org/coop_nav-synthetic@v0")
+    with pytest.raises(HubError, match=r"private dataset.*hf auth login"):
+        find_release(ID, ["hf://org"])
 
 
 @pytest.mark.parametrize("status", [401, *slow(403)])
