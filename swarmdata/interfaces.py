@@ -227,7 +227,10 @@ class OnlineAlgorithm(Protocol):
         ...
 
     def policy(self, index: int) -> Policy:
-        """Returns the current greedy policy of seed number `index`."""
+        """Returns the current greedy policy of seed number `index`.
+
+        It is one of those of `swarmdata.learn.policies`, which a run can keep in files.
+        """
         ...
 
     def restart_worlds(self) -> None:

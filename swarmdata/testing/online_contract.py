@@ -5,8 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from swarmdata.interfaces import OnlineAlgorithm
+from swarmdata.errors import CheckpointError
+from swarmdata.interfaces import OnlineAlgorithm, Policy
 from swarmdata.testing.comparing import (
+    act_on,
     assert_equal_states,
     check_losses,
     check_policies,
@@ -45,6 +47,7 @@ def check_online_algorithm(
     _check_updates(build, folder / "losses", n_rounds)
     run = build(STACKED_SEEDS, folder / "policies")
     check_policies(run.policy, lambda: _train(run, n_rounds), step)
+    _check_kept(run.policy(0), step, folder / "policies" / "kept.safetensors")
     _check_resume(build, folder / "resume", n_rounds)
 
     def trained(seeds: Sequence[int]) -> OnlineAlgorithm:
@@ -68,6 +71,18 @@ def _check_updates(build: Build, folder: Path, n_rounds: int) -> None:
     steps = np.diff(frames)
     assert (steps > 0).all(), f"frames do not increase: {frames}"
     assert (steps == steps[0]).all(), f"rounds took {steps} frames"
+
+
+def _check_kept(policy: Policy, step: Step, file: Path) -> None:
+    """A run keeps its policies in files, from which they act as before."""
+    from swarmdata.learn.policies.policy_file import load_policy, save_policy  # noqa: PLC0415  (torch)
+
+    try:
+        save_policy(file, policy)
+    except CheckpointError as error:
+        raise AssertionError(f"a run could not keep its policies: {error}") from error
+    again = act_on(load_policy(file), step)
+    assert np.array_equal(again, act_on(policy, step)), "a policy acts otherwise from its file"
 
 
 def _check_resume(build: Build, folder: Path, n_rounds: int) -> None:

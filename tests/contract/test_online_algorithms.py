@@ -122,3 +122,25 @@ def test_a_run_that_began_with_a_clone_keeps_the_contract(
 
     step = make_env(SPEC, 5).reset(np.arange(5, dtype=np.uint64))
     check_online_algorithm(build, step, tmp_path)
+
+
+def test_policies_that_a_run_could_not_keep_break_the_contract(tmp_path: Path) -> None:
+    """Any policy can act, but training would stop at the first that is written to a file."""
+    from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
+
+    class Wrapped:
+        def __init__(self, policy: Any) -> None:
+            self.reset, self.act, self.log_probs = policy.reset, policy.act, policy.log_probs
+
+    class Wrapping(MAPPO):
+        def policy(self, index: int) -> Any:
+            return Wrapped(super().policy(index))
+
+    config = MAPPOConfig(**SHORT, hidden=16, minibatch=64)
+
+    def build(seeds: Sequence[int], folder: Path) -> Any:
+        return Wrapping(make_env(SPEC, config.n_copies * len(seeds)), seeds, config, folder)
+
+    step = make_env(SPEC, 5).reset(np.arange(5, dtype=np.uint64))
+    with pytest.raises(AssertionError, match=r"could not keep its policies: .* class Wrapped"):
+        check_online_algorithm(build, step, tmp_path)

@@ -11,7 +11,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import Field
 
@@ -25,7 +25,8 @@ from swarmdata.learn.policies.policy_file import load_policy, save_policy
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.runtime.atomic import write_file
-from swarmdata.runtime.output_folder import check_marked
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+from swarmdata.runtime.regular_files import read_regular
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import task_of
 from swarmdata.specs.plain_names import Sha256
@@ -33,6 +34,8 @@ from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import TaskSpec
 
 ENTRY, RESULTS = "entry.json", "results"
+
+ENTRY_FOLDER = OutputKind("leaderboard entry")
 
 N_EPISODES = 1000  # reserved episodes that an entry is evaluated on
 
@@ -87,37 +90,45 @@ def submit(
     of an earlier entry. What the entry says of itself is as in `Description`.
 
     Raises:
-        SpecError: a run was trained on other data or in other conditions, or there are fewer than
-            `LEAST_SEEDS` policies.
+        SpecError: a run was trained on other data or in other conditions, runs have other settings
+            than each other, there are fewer than `LEAST_SEEDS` policies, or a text is not allowed.
         UnknownNameError: no such published dataset.
         OutputError: the folder has other files.
     """
-    check_marked(out, ENTRY, "leaderboard entry")
+    check_output(out, ENTRY_FOLDER)
     recipe = find_recipe(dataset)
     digest = published()[recipe.id].digest
     is_onnx = all(run.suffix == ONNX_SUFFIX for run in runs)
     team = (_team_of_files if is_onnx else _team)(runs, recipe, digest)
-    files = [out / policy_name(i, is_onnx=is_onnx) for i in range(len(team.policies))]
-    for index, file in enumerate(files):
-        if is_onnx:
-            write_file(file, runs[index].read_bytes())
-        else:
-            save_policy(file, team.policies[index])
-    hashes = tuple(map(sha256, files))
-    description = Description(
-        name=name, dataset=recipe.id, digest=digest,
-        algorithm=team.provenances[0].algorithm or name, license=license, code=code, trials=trials,
-        tuning_episodes=tuning_episodes, policies=hashes, is_onnx=is_onnx,
-    )  # fmt: skip
-    said = {"label": name, "algorithm": description.algorithm, "run": None}
+    said: dict[str, Any] = {
+        "name": name, "dataset": recipe.id, "digest": digest,
+        "algorithm": team.provenances[0].algorithm or name, "license": license, "code": code,
+        "trials": trials, "tuning_episodes": tuning_episodes, "is_onnx": is_onnx,
+    }  # fmt: skip
+    with filled(out, ENTRY_FOLDER, whole=True) as folder:
+        names = [policy_name(i, is_onnx=is_onnx) for i in range(len(team.policies))]
+        for index, file in enumerate(names):
+            if is_onnx:
+                write_file(folder / file, runs[index].read_bytes())
+            else:
+                save_policy(folder / file, team.policies[index])
+        hashes = [sha256(folder / file) for file in names]
+        description = Description.parse({**said, "policies": hashes}, f"the entry {out}")
+        evaluate_target(_named(team, description), n_episodes, folder / RESULTS, progress=progress)
+        write_file(folder / ENTRY, description.model_dump_json(indent=1).encode() + b"\n")
+    return description
+
+
+def _named(team: Target, description: Description) -> Target:
+    """The team with what results of an entry say of its policies."""
+    said = {"label": description.name, "algorithm": description.algorithm, "run": None}
     provenances = tuple(
         each.model_copy(update={**said, "index": index, "content": content})
-        for index, (each, content) in enumerate(zip(team.provenances, hashes, strict=True))
+        for index, (each, content) in enumerate(
+            zip(team.provenances, description.policies, strict=True)
+        )
     )
-    named = replace(team, provenances=provenances)
-    evaluate_target(named, n_episodes, out / RESULTS, again=True, progress=progress)
-    write_file(out / ENTRY, description.model_dump_json(indent=1).encode() + b"\n")
-    return description
+    return replace(team, provenances=provenances)
 
 
 def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
@@ -134,6 +145,14 @@ def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
     policies = tuple(policy for target in targets for policy in target.policies)
     _check_number(policies)
     provenances = tuple(each for target in targets for each in target.provenances)
+    first = provenances[0]
+    for each in provenances:
+        if (each.algorithm, each.config) != (first.algorithm, first.config):
+            raise SpecError(
+                f"{each.run} was trained with other settings of {each.algorithm} than {first.run} "
+                f"with those of {first.algorithm}, expected further seeds of one algorithm and "
+                "configuration. Submit them apart."
+            )
     return Target(targets[0].spec, policies, provenances)
 
 
@@ -160,5 +179,5 @@ def read_policy(file: Path, spec: TaskSpec) -> Policy:
 
 
 def sha256(path: Path) -> str:
-    """Returns the SHA-256 of a file, in hexadecimal digits."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """Returns the SHA-256 of a file, in hexadecimal digits; raises as `read_regular` does."""
+    return hashlib.sha256(read_regular(path, LARGEST)).hexdigest()

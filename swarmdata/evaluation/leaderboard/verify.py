@@ -18,6 +18,7 @@ from swarmdata import __version__
 from swarmdata.errors import SchemaError, SwarmdataError
 from swarmdata.evaluation.leaderboard.entry import (
     ENTRY,
+    ENTRY_FOLDER,
     LARGEST,
     LEAST_SEEDS,
     N_EPISODES,
@@ -126,7 +127,8 @@ def _wrong(entry: Path, description: Description) -> Iterator[str]:
     names = dict(zip(description.files, description.policies, strict=True))
     files = {path.relative_to(entry).as_posix() for path in entry.rglob("*") if not path.is_dir()}
     known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}
-    yield from (f"{name} does not belong there" for name in files - known - {*names, ENTRY})
+    ours = {*known, *names, ENTRY, ENTRY_FOLDER.list_file}
+    yield from (f"{name} does not belong there" for name in sorted(files - ours))
     if (size := sum((entry / name).stat().st_size for name in files)) > LARGEST:
         yield f"it has {size / 1e6:.1f} MB, expected at most {LARGEST / 1e6:.0f}"
     for name, content in names.items():

@@ -49,7 +49,7 @@ def save_policy(path: Path, policy: Policy) -> None:
     if type(policy).__name__ not in KINDS:
         raise CheckpointError(
             f"a policy of class {type(policy).__name__} cannot be written to a file, expected one "
-            f"of {', '.join(KINDS)}"
+            f"of swarmdata.learn.policies: {', '.join(KINDS)}"
         )
     tensors: dict[str, Tensor] = {}
     metadata = _encoded(policy, "", tensors)
