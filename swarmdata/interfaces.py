@@ -229,7 +229,8 @@ class OnlineAlgorithm(Protocol):
     def policy(self, index: int) -> Policy:
         """Returns the current greedy policy of seed number `index`.
 
-        It is one of those of `swarmdata.learn.policies`, which a run can keep in files.
+        A run keeps it in a file, so it is of a class of `swarmdata.learn.policies`, or a dataclass
+        of tensors, numbers, texts and lists of these that `Kind.POLICIES` names.
         """
         ...
 

@@ -5,7 +5,7 @@ those of a dataclass inside under `chooser.layers.0.weight`; all else is in the 
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,7 @@ from swarmdata.learn.training.checkpoint import load_checkpoint, parse_checkpoin
 from swarmdata.learn.training.run_files import POLICIES, last_policy_path
 from swarmdata.perception.feature_slots import Slots
 from swarmdata.perception.frames import NO_HEADING, Frame, current_fields
+from swarmdata.runtime.own_components import components, defined_elsewhere, import_component
 
 KINDS: dict[str, Callable[..., Policy]] = {
     kind.__name__: kind
@@ -33,7 +34,7 @@ KINDS: dict[str, Callable[..., Policy]] = {
         FlowPolicy, RecurrentFlowPolicy, LatentPolicy, SequencePolicy,
     )
 }  # fmt: skip
-"""Policies that can be kept."""
+"""Policies of this package that can be kept."""
 
 PARTS: dict[str, Callable[..., Any]] = {
     kind.__name__: kind for kind in (Choices, Rule, ChoicePolicy)
@@ -45,16 +46,36 @@ LAYER_FIELDS = ("layers", "behavior", "gates")
 
 
 def save_policy(path: Path, policy: Policy) -> None:
-    """Writes a policy of one of the `KINDS`, atomically; its folder is made if need be."""
-    if type(policy).__name__ not in KINDS:
-        raise CheckpointError(
-            f"a policy of class {type(policy).__name__} cannot be written to a file, expected one "
-            f"of swarmdata.learn.policies: {', '.join(KINDS)}"
-        )
-    tensors: dict[str, Tensor] = {}
-    metadata = _encoded(policy, "", tensors)
+    """Writes a policy atomically; its folder is made if need be.
+
+    Raises:
+        CheckpointError: the policy is none of the `KINDS`, and of no class that an online algorithm
+            of a user declares as its `POLICIES`.
+    """
+    kind, tensors = _kind_of(policy), dict[str, Tensor]()
+    metadata = _encoded(policy, "", tensors) | {"kind": kind}
     path.parent.mkdir(parents=True, exist_ok=True)
     save_checkpoint(path, tensors, metadata)
+
+
+def _kind_of(policy: Policy) -> str:
+    """The name of a policy's class in files: that of a user's follows that of the algorithm."""
+    kind = type(policy)
+    if KINDS.get(kind.__name__) is kind:
+        return kind.__name__
+    for algorithm in components("online_algorithms"):
+        if is_dataclass(kind) and kind in _own_kinds(algorithm).values():
+            return f"{algorithm}.{kind.__name__}"
+    raise CheckpointError(
+        f"a policy of class {kind.__name__} cannot be written to a file, expected one of "
+        f"{', '.join(KINDS)}, or a dataclass among the POLICIES of a registered online algorithm"
+    )
+
+
+def _own_kinds(algorithm: str) -> dict[str, Callable[..., Policy]]:
+    """The classes of policies that an online algorithm of a user declares, by name."""
+    component = import_component(components("online_algorithms")[algorithm])
+    return {kind.__name__: kind for kind in getattr(component, "POLICIES", ())}
 
 
 def _encoded(value: Any, prefix: str, tensors: dict[str, Tensor]) -> dict[str, Any]:
@@ -107,15 +128,19 @@ def parse_policy(data: bytes, source: str) -> Policy:
 
 
 def _policy(tensors: Mapping[str, Tensor], metadata: Mapping[str, Any], source: str) -> Policy:
-    if metadata.get("kind") not in KINDS:
-        raise CheckpointError(
-            f"{source} holds {metadata.get('kind')!r}, expected one of {[*KINDS]}"
-        )
+    kind = str(metadata.get("kind"))
+    algorithm, _, name = kind.rpartition(".")
+    if algorithm and algorithm not in components("online_algorithms"):
+        what = defined_elsewhere("a policy of the online algorithm", algorithm)
+        raise CheckpointError(f"{source} holds {what}")
+    kinds = _own_kinds(algorithm) if algorithm else KINDS
+    if name not in kinds:
+        raise CheckpointError(f"{source} holds {kind!r}, expected one of {[*kinds]}")
     try:
-        policy: Policy = _decoded(metadata, "", tensors, KINDS)
+        policy: Policy = _decoded({**metadata, "kind": name}, "", tensors, kinds)
     except (KeyError, TypeError, ValueError) as error:
         raise CheckpointError(
-            f"{source} holds a {metadata['kind']} that this version cannot read: {error!r}"
+            f"{source} holds a {kind} that this version cannot read: {error!r}"
         ) from error
     return policy
 

@@ -1,12 +1,13 @@
 """Policies that were written and read act the same."""
 
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
+import swarmdata
 from swarmdata.behavior_policies.simple import Idle
 from swarmdata.errors import CheckpointError
 from swarmdata.learn.policies.policy_file import load_policy, save_policy
@@ -15,6 +16,8 @@ from swarmdata.online_algos.mappo import MAPPO, MAPPOConfig
 from swarmdata.registry.components import make_env
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.task_spec import TaskSpec
+from swarmdata.types import Float, Step
+from tests.support.own_task import nothing_registered
 
 
 @pytest.mark.parametrize("parameters", ["shared", "separate"])
@@ -54,4 +57,36 @@ def test_a_file_of_another_version_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "newer.safetensors"
     save_checkpoint(path, {"x": torch.zeros(1)}, {"kind": "TorchPolicy", "color": "red"})
     with pytest.raises(CheckpointError, match="TorchPolicy that this version cannot read"):
+        load_policy(path)
+
+
+@dataclass
+class Steady:
+    """A policy of a user: every robot always acts alike."""
+
+    action: torch.Tensor  # [A]
+    name: str
+
+    def act(self, step: Step) -> Float:
+        return self.action.numpy()[None, None].repeat(len(step.states), 0).repeat(4, 1)
+
+
+class Searching:
+    """The part of a user's online algorithm that says what its policies are."""
+
+    POLICIES = (Steady,)
+
+
+def test_a_users_online_algorithm_keeps_policies_of_its_own(tmp_path: Path) -> None:
+    path, policy = tmp_path / "steady.safetensors", Steady(torch.tensor([0.5, -1.0]), "up")
+    with nothing_registered():
+        with pytest.raises(CheckpointError, match=r"class Steady .* among the POLICIES"):
+            save_policy(path, policy)  # type: ignore[arg-type]
+        swarmdata.register_algorithm("searching", Searching, online=True)
+        save_policy(path, policy)  # type: ignore[arg-type]
+        read = load_policy(path)
+        assert isinstance(read, Steady)
+        assert read.name == "up"
+        assert torch.equal(read.action, policy.action)
+    with pytest.raises(CheckpointError, match="'searching', which is defined by another package"):
         load_policy(path)
