@@ -64,7 +64,7 @@ def _kind_of(policy: Policy) -> str:
     if KINDS.get(kind.__name__) is kind:
         return kind.__name__
     for algorithm in components("online_algorithms"):
-        if is_dataclass(kind) and kind in _own_kinds(algorithm).values():
+        if kind in _own_kinds(algorithm).values():
             return f"{algorithm}.{kind.__name__}"
     raise CheckpointError(
         f"a policy of class {kind.__name__} cannot be written to a file, expected one of "
@@ -73,9 +73,10 @@ def _kind_of(policy: Policy) -> str:
 
 
 def _own_kinds(algorithm: str) -> dict[str, Callable[..., Policy]]:
-    """The classes of policies that an online algorithm of a user declares, by name."""
+    """The dataclasses that an online algorithm of a user declares as its policies, by name."""
     component = import_component(components("online_algorithms")[algorithm])
-    return {kind.__name__: kind for kind in getattr(component, "POLICIES", ())}
+    declared = getattr(component, "POLICIES", ())
+    return {kind.__name__: kind for kind in declared if is_dataclass(kind)}
 
 
 def _encoded(value: Any, prefix: str, tensors: dict[str, Tensor]) -> dict[str, Any]:
