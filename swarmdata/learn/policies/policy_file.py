@@ -58,25 +58,25 @@ def save_policy(path: Path, policy: Policy) -> None:
     save_checkpoint(path, tensors, metadata)
 
 
-def _kind_of(policy: Policy) -> str:
+def _kind_of(policy: Any) -> str:
     """The name of a policy's class in files: that of a user's follows that of the algorithm."""
     kind = type(policy)
-    if KINDS.get(kind.__name__) is kind:
-        return kind.__name__
+    name: str = kind.__name__
+    if KINDS.get(name) is kind:
+        return name
     for algorithm in components("online_algorithms"):
-        if kind in _own_kinds(algorithm).values():
-            return f"{algorithm}.{kind.__name__}"
+        if kind in _own_kinds(algorithm).values() and is_dataclass(policy):
+            return f"{algorithm}.{name}"
     raise CheckpointError(
-        f"a policy of class {kind.__name__} cannot be written to a file, expected one of "
+        f"a policy of class {name} cannot be written to a file, expected one of "
         f"{', '.join(KINDS)}, or a dataclass among the POLICIES of a registered online algorithm"
     )
 
 
-def _own_kinds(algorithm: str) -> dict[str, Callable[..., Policy]]:
-    """The dataclasses that an online algorithm of a user declares as its policies, by name."""
+def _own_kinds(algorithm: str) -> dict[str, Callable[..., Any]]:
+    """The classes that an online algorithm of a user declares as those of its policies, by name."""
     component = import_component(components("online_algorithms")[algorithm])
-    declared = getattr(component, "POLICIES", ())
-    return {kind.__name__: kind for kind in declared if is_dataclass(kind)}
+    return {kind.__name__: kind for kind in getattr(component, "POLICIES", ())}
 
 
 def _encoded(value: Any, prefix: str, tensors: dict[str, Tensor]) -> dict[str, Any]:
