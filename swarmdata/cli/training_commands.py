@@ -204,6 +204,8 @@ def train_online(
         offline_share=offline_share, side=side, opponents=opponents, workers=workers,
         engine=engine, part=group, n_threads=threads, n_checkpoints=checkpoints,
     )  # fmt: skip
+    if (measured := _trainers().last_online_evaluation(folder)) is not None:
+        typer.echo(measured)
     typer.echo(folder)
 
 

@@ -255,7 +255,8 @@ class View(TrainingData[R]):
         Raises:
             SpecError: the dataset was recorded in another environment.
         """
-        return task_of(self.recipe, "this") if self._observed is None else self._observed
+        purpose = "stepping or drawing it"
+        return task_of(self.recipe, purpose) if self._observed is None else self._observed
 
     @property
     def frame(self) -> "Frame | None":

@@ -331,8 +331,9 @@ def find_frame(
             features[k].name.removesuffix("_x") for k in vectors if features[k].name.endswith("_x")
         )
         raise SpecError(
-            f"frame {anchor!r} needs the observed vector {name}; expected 'auto', 'world', "
-            f"'target' (where {TARGET} is observed) or one of {', '.join(known)}."
+            f"frame {anchor!r} needs the observed vector {name}, which robots do not observe here. "
+            f"Set frame to 'auto' (here {natural_anchor(features, robots)!r}), 'world', 'target' "
+            f"(where {TARGET} is observed) or one of {', '.join(known)}."
         )
     index = {feature.name: k for k, feature in enumerate(features)}
     heading = index.get(f"{HEADING}_x", NO_HEADING)

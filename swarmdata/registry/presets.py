@@ -2,6 +2,7 @@
 
 from functools import cache
 from importlib.resources import files
+from itertools import takewhile
 from pathlib import Path
 
 from swarmdata.errors import INSTALL_HINT, SpecError, UnknownNameError, check_type
@@ -31,9 +32,10 @@ def preset(name: str) -> TaskSpec:
 
 @cache
 def preset_summary(name: str) -> str:
-    """The first comment in a preset's file, which describes it; empty if there is none."""
-    lines = _read(name).splitlines()
-    return next((line.lstrip("# ").rstrip() for line in lines if line.startswith("#")), "")
+    """The first sentence of a preset's file, in the comment above the spec; empty if none."""
+    comment = takewhile(lambda line: line.startswith("#"), _read(name).splitlines())
+    sentence, stop, _ = " ".join(line.lstrip("# ").rstrip() for line in comment).partition(". ")
+    return sentence + stop.rstrip()
 
 
 def name_of(spec: TaskSpec) -> str:

@@ -49,7 +49,7 @@ def test_a_goal_that_is_hidden_turns_nothing() -> None:
     hidden = make_env(with_models(preset("coop_nav"), "state+goal-for-10"), 1).features
     assert natural_anchor(FEATURES) == "target"
     assert natural_anchor(hidden) == "world"
-    with pytest.raises(SpecError, match=r"needs the observed vector own\.goal_dx"):
+    with pytest.raises(SpecError, match=r"own\.goal_dx, .* 'auto' \(here 'world'\)"):
         find_frame(hidden, "target")
 
 

@@ -15,6 +15,7 @@ def test_every_preset_is_a_spec_with_a_line_about_it(name: str) -> None:
     assert find_spec(name) == preset(name)
     assert preset(name).task in TASKS
     assert len(preset_summary(name)) > 10
+    assert preset_summary(name).endswith(".")  # a whole sentence, also over two lines
     assert TaskSpec.from_text(preset(name).to_yaml()) == preset(name)
     assert name_of(preset(name)) == name
 

@@ -64,6 +64,7 @@ def generate(
         policies: registered policies such as `scripted`, tiers such as `expert`, and run folders
             of offline or online training; they have equal shares of the joint steps, and so have
             the seeds of a run. A mapping gives their shares: `{"runs/mine": 3, "random": 1}`.
+            The folder `runs/mine/policies` of an online run means all that it saved on the way.
         id: of the dataset, such as `my_task-mine-v0`. With it `load` finds the dataset in the
             cache.
         n_steps: least number of joint steps.

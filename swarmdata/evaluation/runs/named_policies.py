@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError, check_type
 from swarmdata.interfaces import Policy
+from swarmdata.learn.training.run_files import POLICIES as SAVED
 from swarmdata.learn.training.run_files import find_run
 from swarmdata.registry.components import POLICIES, checkpoint_free_policies, policy_class
 from swarmdata.registry.components import make_policy as make_registered
@@ -20,6 +21,7 @@ from swarmdata.registry.tiers import TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.origins import SideSpec
+from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.layout import CHECKPOINTS
@@ -54,7 +56,7 @@ class Behavior(NamedTuple):
 def behaviors_of(
     name: str, share: float, spec: TaskSpec, noise: float, folder: Path
 ) -> tuple[Behavior, ...]:
-    """Returns the behavior policies that a name means, one for each seed of a run.
+    """Returns the behavior policies that a name means, one for each seed of a run, or all it saved.
 
     A name is as `generate` takes it; or a registered policy, a tier or a run for each side of the
     task, such as `tag-greedy,runs/evader`. The policies have equal parts of a share of the joint
@@ -63,10 +65,8 @@ def behaviors_of(
     """
     if "," in name:
         found = tuple(_of_sides(name, spec, noise, folder / CHECKPOINTS))
-    elif (run := find_run(name)) is not None:
-        policies = open_run(run).fitted(
-            spec, "Record it in its environment with swarmdata.Recorder."
-        )
+    elif (run := _find_trained(name)) is not None:
+        policies = run.fitted(spec, "Record it in its environment with swarmdata.Recorder.")
         found = tuple(_copies(run, policies, spec, noise, folder / CHECKPOINTS))
     elif name in checkpoint_free_policies():
         found = (Behavior(_registered(name, name, spec, noise)),)
@@ -100,18 +100,27 @@ def _of_sides(names: str, spec: TaskSpec, noise: float, folder: Path) -> Iterato
 def _of_side(
     side: str, name: str, spec: TaskSpec, noise: float, folder: Path
 ) -> tuple[Behavior, ...]:
-    """The policies that a name means for a side, one for each seed of a run."""
-    if (run := find_run(name)) is None:
+    """The policies that a name means for a side, as `behaviors_of` does."""
+    if (found := _find_trained(name)) is None:
         if name in checkpoint_free_policies():
             return (Behavior(_registered(name, name, spec, noise)),)
         return tuple(map(Behavior, tier_of_side(name, side, spec, noise)))
-    found = open_run(run)
     if found.side is None or (found.side.side, found.side.whole) != (side, spec):
         raise SpecError(
             f"{name} was not trained for the side {side} of {spec.task} as it is here, and cannot "
             "play it"
         )
-    return tuple(_copies(run, found.policies(), found.side, noise, folder))
+    return tuple(_copies(found, found.policies(), found.side, noise, folder))
+
+
+def _find_trained(name: str) -> "Trained | None":
+    """The run of a name, or of its folder `policies`, then with all that it saved."""
+    if (run := find_run(name)) is not None:
+        return open_run(run)
+    saved = Path(name)
+    if saved.name == SAVED and saved.is_dir() and (run := find_run(saved.parent)) is not None:
+        return open_run(run).with_earlier()
+    return None
 
 
 def _registered(label: str, name: str, spec: TaskSpec, noise: float) -> PolicySource:
@@ -160,15 +169,18 @@ def family_of(spec: TaskSpec) -> str | None:
 
 
 def _copies(
-    run: Path, policies: Sequence[Policy], spec: TaskSpec | SideSpec, noise: float, folder: Path
-) -> Iterator[Behavior]:
-    """Copies the newest policy of each seed: for exact inference if it can be, else as it is."""
+    run: "Trained", policies: Sequence[Policy], spec: TaskSpec | SideSpec, noise: float,
+    folder: Path,
+) -> Iterator[Behavior]:  # fmt: skip
+    """Copies the policies of a run: for exact inference if they can be, else as they are."""
     from swarmdata.learn.policies.policy_file import save_policy  # noqa: PLC0415  (torch is an extra)
 
     folder.mkdir(parents=True, exist_ok=True)
-    stem = _NOT_PLAIN.sub("-", run.resolve().name).strip("-") or "run"
-    for provenance, policy in zip(open_run(run).provenances, policies, strict=True):
-        label, fresh = f"{stem}-{provenance.seed}", folder / "new.safetensors"
+    stem = _NOT_PLAIN.sub("-", run.folder.resolve().name).strip("-") or "run"
+    one_each = not repeated(str(each.seed) for each in run.provenances)
+    for provenance, policy in zip(run.provenances, policies, strict=True):
+        age = "" if one_each else f"-{provenance.frames}"
+        label, fresh = f"{stem}-{provenance.seed}{age}", folder / "new.safetensors"
         error = _exact_copy(policy, spec, fresh)
         if error is None:
             save_policy(fresh, policy)

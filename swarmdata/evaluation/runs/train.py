@@ -426,12 +426,8 @@ def last_evaluation(
 
     By scores, or by returns where there are no references; None: there is no learning curve.
     """
-    tables = [part / CURVE for part in run_folders(run)]
-    rows = [row for table in tables if table.is_file() for row in read_table(table)]
-    if not rows:
+    if not (last := _last_rows(run, "update")):
         return None
-    update = max(row["update"] for row in rows)
-    last = [row for row in rows if row["update"] == update]
     data = open_data(dataset_id, weights, {"progress": False})
     parts = data.parts if isinstance(data, Mixture) else (data,)
     has_score = parts[0].references is not None
@@ -442,13 +438,35 @@ def last_evaluation(
 
     success = np.mean([row["success"] for row in last])
     own = ", ".join(f"{mean(part.episodes.team_return)} ({part.id})" for part in parts)
-    team = "1 seed has" if len(last) == 1 else f"{len(last)} seeds have"
     what = "score" if has_score else "return"
     return (
-        f"After {update:,.0f} updates, {team} a mean {what} of "
+        f"After {last[0]['update']:,.0f} updates, {_have(last)} a mean {what} of "
         f"{mean([row['return'] for row in last])}, and {success:.0%} success in {CURVE_EPISODES} "
         f"validation episodes; the data have {own}."
     )
+
+
+def last_online_evaluation(run: Path) -> str | None:
+    """Says in one line how good the newest policies of an online run are; None: not measured."""
+    if not (last := _last_rows(run, "frames")):
+        return None
+    measured = (np.mean([row[name] for row in last]) for name in ("return", "success"))
+    return (
+        f"After {last[0]['frames']:,.0f} joint steps, {_have(last)} a mean return of "
+        "{:.3g}, and {:.0%} success in validation episodes.".format(*measured)
+    )
+
+
+def _last_rows(run: Path, clock: str) -> list[dict[str, float]]:
+    """The rows of the learning curve, of all seeds, at which most was learned."""
+    tables = [part / CURVE for part in run_folders(run)]
+    rows = [row for table in tables if table.is_file() for row in read_table(table)]
+    newest = max((row[clock] for row in rows), default=0.0)
+    return [row for row in rows if row[clock] == newest]
+
+
+def _have(rows: Sequence[object]) -> str:
+    return "1 seed has" if len(rows) == 1 else f"{len(rows)} seeds have"
 
 
 def read_settings(name: str) -> dict[str, str]:

@@ -16,6 +16,7 @@ from swarmdata.learn.training.run_files import (
     last_policy_path,
     run_folders,
     run_hash,
+    saved_policies,
     seeds_of,
 )
 from swarmdata.learn.training.run_folder import OfflineRun, load_run, read_run
@@ -29,7 +30,7 @@ from swarmdata.specs.task_spec import TaskSpec
 
 
 class Trained(NamedTuple):
-    """The newest policies of a run folder, one for each seed."""
+    """The newest policies of a run folder, one for each seed, or all of an online run."""
 
     provenances: tuple[Provenance, ...]
     spec: dict[str, Any]  # of their training, JSON
@@ -62,6 +63,17 @@ class Trained(NamedTuple):
         if self.provenances[0].frames is None:
             return [policy for folder in self.files for policy in load_run(folder)]
         return [load_policy(path) for path in self.files]
+
+    def with_earlier(self) -> "Trained":
+        """All policies that an online run has saved, seed by seed in the order of training."""
+        saved = [
+            (each.model_copy(update={"frames": int(file.stem)}), file)
+            for each in self.provenances
+            for file in saved_policies(Path(str(each.run)), each.seed or 0)
+        ]
+        return self._replace(
+            provenances=tuple(each for each, _ in saved), files=[file for _, file in saved]
+        )
 
     def fitted(self, offered: TaskSpec, advice: str) -> tuple[Policy, ...]:
         """Loads the policies, one per seed, for another spec than that of their training.

@@ -13,7 +13,7 @@ from swarmdata.learn.choices.choices import Choices, columns_of
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters, answer
 from swarmdata.learn.policies.recurrent_policy import RunningMemory
-from swarmdata.learn.policies.torch_policy import Memoryless, standard_features
+from swarmdata.learn.policies.torch_policy import Memoryless, policy_repr, standard_features
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.types import Bool, Float, Int, Step
@@ -33,6 +33,8 @@ class BinPolicy(Memoryless):
     parameters: Parameters = "shared"  # whether the robots share one network
     n_critics: int = 1  # whose mean utility decides
     uses_state: bool = False
+
+    __repr__ = policy_repr
 
     def actions(self, observations: Float) -> Float:
         actions = to_actions(self.choices(observations), self.n_bins, torch.float64)
@@ -70,6 +72,8 @@ class ChoicePolicy(Memoryless):
     frame: Frame | None = None  # in which the robots see and act; None for the world's
     parameters: Parameters = "shared"  # whether the robots share one network
     uses_state: bool = False
+
+    __repr__ = policy_repr
 
     def actions(self, observations: Float) -> Float:
         return self.choose(self._features(observations), observations)
@@ -131,6 +135,8 @@ class RecurrentChoicePolicy:
     uses_state: bool = False
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
+
+    __repr__ = policy_repr
 
     def reset(self, step: Step, copies: Int) -> None:
         self._memory.reset(step, copies, self.gates[1].weight.shape[1])

@@ -15,7 +15,7 @@ from swarmdata.learn.memory.gated_networks import N_GATE_LAYERS
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters, answer
 from swarmdata.learn.policies.recurrent_policy import Remembering
-from swarmdata.learn.policies.torch_policy import StepFunction, outputs_of
+from swarmdata.learn.policies.torch_policy import StepFunction, outputs_of, policy_repr
 from swarmdata.numerics.random import STREAMS, derive, normal
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.types import Double, Float, Step
@@ -55,6 +55,8 @@ class LatentPolicy(DrawnPolicy):
 
     latents: Tensor  # of the recorded episodes, float64 [M, D]
 
+    __repr__ = policy_repr
+
     def draw(self, step: Step) -> Tensor:
         """Returns the latent of each episode, [E, D]."""
         bits = derive(step.seeds, STREAMS["policy"])
@@ -91,6 +93,8 @@ class FlowPolicy(TeamNoise, DrawnPolicy):
     redraw: Redraw  # when noise is drawn anew
     noise_scale: float = 1.0  # factor on the noise when acting
 
+    __repr__ = policy_repr
+
     def drawn_features(self, step: Step) -> Tensor:
         """Returns what each robot knows of the team's noise, float64 [E, N, `noise_size`]."""
         return known_noise(torch.from_numpy(self.draw(step)), self.noise)
@@ -108,6 +112,8 @@ class RecurrentFlowPolicy(TeamNoise, Remembering):
     noise_scale: float = 1.0  # factor on the noise when acting
     frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
+
+    __repr__ = policy_repr
 
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         noise = known_noise(torch.from_numpy(self.draw(step)), self.noise)

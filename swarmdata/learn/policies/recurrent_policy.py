@@ -13,7 +13,7 @@ from swarmdata.errors import SchemaError
 from swarmdata.learn.memory.gated_networks import next_memory, read
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters, by_network, from_rows, to_rows
-from swarmdata.learn.policies.torch_policy import standard_features
+from swarmdata.learn.policies.torch_policy import policy_repr, standard_features
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.types import Float, Int, Step
@@ -106,6 +106,8 @@ class RecurrentPolicy(Remembering):
     frame: Frame | None = None  # in which the actors see and act; None for the world's
     uses_state: bool = False
     parameters: Parameters = "shared"  # whether the agents share one actor
+
+    __repr__ = policy_repr
 
     def local_actions(self, step: Step, features: Tensor, memory: Tensor) -> Tensor:
         rows = by_network(memory[None], self.parameters)

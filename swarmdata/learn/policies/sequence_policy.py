@@ -22,7 +22,7 @@ from swarmdata.learn.networks.network_inputs import with_agent_id
 from swarmdata.learn.networks.perceptrons import Layer
 from swarmdata.learn.networks.team_networks import Parameters
 from swarmdata.learn.policies.recurrent_policy import RunningMemory
-from swarmdata.learn.policies.torch_policy import seen_in, standard_features
+from swarmdata.learn.policies.torch_policy import policy_repr, seen_in, standard_features
 from swarmdata.perception.frames import Frame, in_world
 from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.types import Float, Int, Step
@@ -52,6 +52,8 @@ class SequencePolicy:
     uses_state: bool = False
     _memory: RunningMemory = field(default_factory=RunningMemory, init=False, repr=False)
     _last: LastMeans[Float] = field(default_factory=LastMeans, init=False, repr=False)
+
+    __repr__ = policy_repr
 
     def reset(self, step: Step, copies: Int) -> None:
         width = self.layers[HEAD].weight.shape[1]

@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,17 @@ from swarmdata.rollouts.action_probabilities import LastMeans, certain_log_probs
 from swarmdata.specs.features import Feature
 from swarmdata.specs.task_spec import Robot
 from swarmdata.types import Float, Int, Step
+
+
+def policy_repr(policy: Any) -> str:
+    """Returns the settings of a policy and the shapes of its tensors, for its `repr`."""
+    values = {each.name: getattr(policy, each.name) for each in fields(policy) if each.repr}
+    shown = {
+        name: tuple(value.shape) if isinstance(value, Tensor) else value
+        for name, value in values.items()
+        if isinstance(value, (Tensor, str, int, float))
+    }
+    return f"{type(policy).__name__}({', '.join(f'{name}={shown[name]!r}' for name in shown)})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +91,8 @@ class TorchPolicy(Memoryless):
     _folded: dict[tuple[int, ...], list[Layer]] = field(
         default_factory=dict, init=False, repr=False
     )
+
+    __repr__ = policy_repr
 
     def actions(self, observations: Float) -> Float:
         framed = seen_in(self.frame, observations)
@@ -169,6 +182,8 @@ class SetPolicy(Memoryless):
     frame: Frame | None = None  # in which the actor sees and acts; None for the world's
     anchor: str = "world"  # of that frame, as `frames.find_frame` takes it
     uses_state: bool = False
+
+    __repr__ = policy_repr
 
     @torch.no_grad()
     def actions(self, observations: Float) -> Float:

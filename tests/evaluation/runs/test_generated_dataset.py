@@ -153,6 +153,26 @@ def test_online_runs_and_tiers_act_too(tmp_path: Path) -> None:
     assert len(list((made.path / "checkpoints").iterdir())) == 1  # the package has the experts
 
 
+def test_all_that_an_online_run_saved_makes_replay_data(tmp_path: Path) -> None:
+    small = {"n_copies": "4", "rollout_steps": "4", "hidden": "8", "n_steps": "32"}
+    train_online(
+        "mappo", SPEC, tmp_path / "on", seeds=[0, 4], changes=small, n_checkpoints=2, progress=False
+    )
+    saved = sorted((tmp_path / "on" / "policies").glob("*/*.safetensors"))
+    labels = [f"on-{file.parent.name.removeprefix('seed-')}-{int(file.stem)}" for file in saved]
+    assert len(labels) > 2
+    made = generate(
+        SPEC, tmp_path / "on" / "policies", id="coop_nav-replay-v0", n_steps=40 * len(labels),
+        out=tmp_path / "data", progress=False,
+    )  # fmt: skip
+    assert [each.label for each in made.recipe.policies] == labels
+    hashes = {each.sha256 for each in made.recipe.policies}
+    assert len(hashes) == len(labels)
+    (tmp_path / "policies").mkdir()
+    with pytest.raises(SpecError, match="policies is not a run folder"):
+        generate(SPEC, tmp_path / "policies", id="coop_nav-x-v0", out=tmp_path / "x")
+
+
 def test_a_team_with_a_network_is_not_exact() -> None:
     learned, network = (
         PolicySource(label=name, name=name, checkpoint=f"{name}.safetensors", sha256="0" * 64)

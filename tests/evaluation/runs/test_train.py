@@ -398,3 +398,16 @@ def test_online_training_takes_specs_and_refuses_seeds_that_are_none(tmp_path: P
     for seeds in ([], ["a"], [-1]):
         with pytest.raises(SpecError, match="expected whole numbers from 0 on"):
             train_online("mappo", spec, tmp_path / "other", seeds=seeds, changes=changes)  # type: ignore[arg-type]
+
+
+def test_online_training_ends_with_what_its_newest_policies_do(tmp_path: Path) -> None:
+    from swarmdata.evaluation.runs.train import last_online_evaluation
+
+    (tmp_path / "config.json").write_text("{}")
+    assert last_online_evaluation(tmp_path) is None
+    rows = "frames,seed,success,return\n64,0,0,-3\n96,0,0.25,1.5\n96,1,0.5,2.5\n"
+    (tmp_path / "curve.csv").write_text(rows)
+    assert last_online_evaluation(tmp_path) == (
+        "After 96 joint steps, 2 seeds have a mean return of 2, and 38% success in validation "
+        "episodes."
+    )

@@ -63,6 +63,14 @@ def test_policies_of_any_kind_keep_the_contract(
     check_policy(policy, SPEC, make_env, n_episodes=3, n_steps=6)
 
 
+@pytest.mark.parametrize("name", ["bc", "vdn", "bc_flow", "bc_latent", "oryx"])
+def test_a_notebook_shows_settings_of_a_policy_and_no_weights(tmp_path: Path, name: str) -> None:
+    saved(tmp_path / "policy.safetensors", name)
+    shown = repr(load_policy(tmp_path / "policy.safetensors"))
+    assert "observation_mean=(53,)" in shown
+    assert len(shown) < 300
+
+
 def test_actions_are_those_of_the_file_on_the_grid(tmp_path: Path) -> None:
     path = tmp_path / "policy.safetensors"
     policy = NetworkPolicy(SPEC, checkpoint=path, sha256=saved(path, "bc"))

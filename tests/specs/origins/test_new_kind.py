@@ -134,7 +134,7 @@ def test_it_is_stored_and_opened(dataset: Dataset) -> None:
     assert dataset.spec == SPEC
     assert len(dataset) == 20
     assert sorted(np.unique(dataset.episodes.split)) == list(range(len(SPLITS)))
-    with pytest.raises(SpecError, match="an environment of our lab; this needs a task"):
+    with pytest.raises(SpecError, match="our lab; stepping or drawing it needs a task"):
         _ = dataset.task
 
 
