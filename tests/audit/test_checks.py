@@ -413,15 +413,18 @@ def test_mixtures_lie_between_their_parts(
     """D4RL's hopper-medium-replay-v1 was better than medium."""
     origin = open_store(random_team).recipe.model_copy(update={"tier": tier})
 
-    def said_of(mean: float) -> str:
-        def pay(arrays: Arrays, table: EpisodeTable) -> None:
+    def said_of(mean: float, success: bool = False) -> str:
+        def pay(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
             arrays["rewards"][:] = np.float32(mean / table.lengths.mean())
+            return {"success": np.full_like(table.success, success)}
 
         return messages(look(forge(random_team, pay, origin), sample=0), "tiers")
 
     assert not said_of(inside)
     for mean in outside:
         assert f"is not between {ends}" in said_of(mean)
+    assert "is not between" not in said_of(min(outside), success=True), "they collide more"
+    assert f"is not between {ends}" in said_of(max(outside), success=True)
 
 
 def test_policies_choose_again_on_one_thread(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
