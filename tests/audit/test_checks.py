@@ -416,7 +416,9 @@ def test_mixtures_lie_between_their_parts(
     def said_of(mean: float, success: bool = False) -> str:
         def pay(arrays: Arrays, table: EpisodeTable) -> dict[str, Any]:
             arrays["rewards"][:] = np.float32(mean / table.lengths.mean())
-            return {"success": np.full_like(table.success, success)}
+            ends = END_REASONS.index("success" if success else "horizon")
+            reasons = np.full_like(table.end_reason, ends)
+            return {"success": np.full_like(table.success, success), "end_reason": reasons}
 
         return messages(look(forge(random_team, pay, origin), sample=0), "tiers")
 
