@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,15 @@ from hypothesis import strategies as st
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from swarmdata.audit import CHECKS, audit, problems_of
+from swarmdata.audit.claim_checks import tiers
 from swarmdata.behavior_policies.simple import Random
 from swarmdata.cards.card import write_card
 from swarmdata.errors import MissingManifestError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.numerics.random import EVALUATION_BASE
 from swarmdata.registry.presets import preset
+from swarmdata.registry.published import published
+from swarmdata.registry.recipes import find_recipe
 from swarmdata.specs.recipe import Recipe
 from swarmdata.specs.task_spec import Robot, Role
 from swarmdata.store import EpisodeTable, open_store, read_manifest
@@ -423,10 +427,21 @@ def test_mixtures_lie_between_their_parts(
         return messages(look(forge(random_team, pay, origin), sample=0), "tiers")
 
     assert not said_of(inside)
-    for mean in outside:
-        assert f"is not between {ends}" in said_of(mean)
+    assert f"is not between {ends}" in said_of(min(outside))
     assert "is not between" not in said_of(min(outside), success=True), "they collide more"
+    assert "is not between" not in said_of(max(outside), success=False), "or less"
     assert f"is not between {ends}" in said_of(max(outside), success=True)
+
+
+@pytest.mark.parametrize("dataset", published())
+def test_no_published_dataset_is_refused_for_its_tier(dataset: str) -> None:
+    recipe, known = find_recipe(dataset), published()[dataset]
+    table = SimpleNamespace(
+        team_return=np.array([known.mean_return]), success=np.array([known.success])
+    )
+    origin = SimpleNamespace(recipe=recipe, tier=recipe.tier, spec=recipe.spec)
+    found = tiers(SimpleNamespace(origin=origin, table=table))  # type: ignore[arg-type]
+    assert [message for level, message in found if level == "problem"] == []
 
 
 def test_policies_choose_again_on_one_thread(clean: Path, monkeypatch: pytest.MonkeyPatch) -> None:
