@@ -10,6 +10,7 @@ from swarmdata.building.edit import combine_datasets
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import find_frame
@@ -137,6 +138,10 @@ def test_who_acts_is_known_of_a_mixture_as_of_the_combined_dataset(tmp_path: Pat
         expected = combined.sampler(8, **sizes).gather(rows)
         for name in ("alive", "agent_terminations", "next_alive", "rewards"):
             np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+    streamed = load([part.path for part in both], stream=True)
+    drawn = next(streamed.sampler(64))
+    assert not drawn.alive.all(), "of the part that agents leave"
+    assert not drawn.rewards[~drawn.alive].any()
     few = mix(both).sampler(8).gather(rows, frozenset({"alive"}))
     assert few.alive is not None
     assert few.next_alive is few.rewards is None
