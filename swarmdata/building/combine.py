@@ -87,7 +87,9 @@ def _check_episodes(views: Sequence[Dataset]) -> None:
         raise SchemaError(
             f"episode {k} of {one} and episode {j} of {other} have the same seed "
             f"{seeds[order[same[0]]]}, {len(same)} pairs in all: an episode may be in a dataset "
-            "once, or it could be in train and test. Leave one of each out with `filter`."
+            "once, or it could be in train and test. Leave one of each out with `filter`. If they "
+            "are different logs or files, whose seeds only number the episodes, mix them instead: "
+            "swarmdata.load([one, other])."
         )
     if not any((view.episodes.split == SPLITS.index("train")).any() for view in views):
         raise BuildError(

@@ -19,7 +19,10 @@ from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
 from swarmdata.specs.origins import Spec
 from swarmdata.specs.task_spec import TaskSpec
-from swarmdata.types import Batch, Double, Episode, Int, Seeds, Wanted, shortened
+from swarmdata.types import Batch, Bool, Double, Episode, Int, Seeds, Wanted, shortened
+
+ENDS = frozenset({"rewards", "terminations", "truncations"})
+"""Fields that say who acts where no agent leaves before its team; rewards, how many agents."""
 
 LONGEST_ID = 96  # characters of a mixture's id, which is part of the names of result files
 
@@ -156,6 +159,7 @@ class MixtureSampler(BatchStream):
         self._samplers, self._weights = tuple(samplers), tuple(weights)
         self._bounds = np.cumsum(weights)[:-1]
         self._starts = np.cumsum([0, *(each.n_rows for each in samplers)])
+        self._agents_leave = any(each.agents_leave for each in samplers)
         # of each part, in the mixture
         self._first_episodes = np.cumsum([0, *(each.n_episodes for each in samplers)])
         self._dtypes = {  # of one part images may be bytes, and of another float32
@@ -177,7 +181,7 @@ class MixtureSampler(BatchStream):
         return index
 
     def gather(self, index: Int, wanted: Wanted = None) -> Batch:
-        """Fields that a part has not recorded are None."""
+        """Fields that a part has not recorded are None, but who acts is known of all or none."""
         if index.size and not 0 <= index.min() <= index.max() < self._starts[-1]:
             raise IndexError(
                 f"index {index.min()} to {index.max()}, expected 0 to {self._starts[-1] - 1}"
@@ -202,7 +206,10 @@ class MixtureSampler(BatchStream):
         return Batch(**values)
 
     def _gather(self, part: int, index: Int, wanted: Wanted) -> Batch:
-        batch = self._samplers[part].gather(index - self._starts[part], wanted)
+        sampler, index = self._samplers[part], index - self._starts[part]
+        batch = sampler.gather(index, wanted)
+        if self._agents_leave and not sampler.agents_leave:
+            batch = replace(batch, **_presence(sampler.gather(index, ENDS), wanted))
         if batch.episodes is None:
             return batch
         return replace(batch, episodes=batch.episodes + self._first_episodes[part])
@@ -255,6 +262,21 @@ def mix(parts: Sequence[View[Any]], weights: Sequence[float] | None = None) -> M
             f"expected at most {LONGEST_ID}; mix fewer datasets"
         )
     return mixture
+
+
+def _presence(batch: Batch, wanted: Wanted) -> dict[str, Bool]:
+    """The wanted fields of who acts, where all agents act until their team ends."""
+    found = {
+        "alive": batch.mask,
+        "agent_terminations": batch.terminations,
+        "next_alive": batch.mask & ~(batch.terminations | batch.truncations),
+    }
+    n_agents = batch.rewards.shape[-1]
+    return {
+        name: np.repeat(of_team[..., None], n_agents, axis=-1)
+        for name, of_team in found.items()
+        if wanted is None or name in wanted
+    }
 
 
 def _normalized(weights: Sequence[float]) -> tuple[float, ...]:

@@ -228,6 +228,7 @@ class RowSampler(BatchStream):
 
     n_rows: int  # of the dataset, which an index counts
     n_episodes: int  # that are drawn from
+    agents_leave: bool  # whether batches say which agents act
 
     @abstractmethod
     def dtype(self, name: str) -> np.dtype[Any]:
@@ -306,6 +307,7 @@ class Sampler(RowSampler):
         self.horizon, self.burn_in = horizon, burn_in
         self.rows = Rows.locate(table, selection) if rows is None else rows
         self.n_rows, self.n_episodes = len(self.rows.episode), len(selection)
+        self.agents_leave = "alive" in arrays
         self._arrays, self._scale, self._view = arrays, scale, view
 
     def __getstate__(self) -> dict[str, Any]:

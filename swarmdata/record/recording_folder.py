@@ -20,6 +20,7 @@ from swarmdata.specs.frozen import Frozen, differences
 from swarmdata.specs.origins.recording_origin import Recording
 from swarmdata.specs.recipe import Splits
 from swarmdata.store import SPLITS, Manifest, read_manifest, remove_leftovers, write_file
+from swarmdata.store.arrays.layout import LEAVING_ARRAYS
 from swarmdata.store.assembly import assemble
 from swarmdata.store.parts import read_part_table, write_part
 from swarmdata.store.split_rule import assign_splits
@@ -27,8 +28,6 @@ from swarmdata.store.table import n_steps_of
 from swarmdata.types import Episode
 
 SESSION_FILE = "session.json"
-LEAVING_ARRAYS = ("agent_terminations", "agent_truncations", "alive")
-"""Arrays that a dataset has only if agents leave an episode before its end."""
 
 _PART_NAME = re.compile(r"part-(\d+)-policy-(\d+)")
 

@@ -210,7 +210,7 @@ class Lock:
         while True:
             if create:
                 with contextlib.suppress(FileExistsError):
-                    return os.open(self.file, flags | os.O_CREAT | os.O_EXCL, 0o644), True
+                    return os.open(self.file, flags | os.O_CREAT | os.O_EXCL, 0o666), True
             try:
                 return os.open(self.file, flags), False
             except FileNotFoundError:  # its holder has just removed it

@@ -1,6 +1,6 @@
 """Selection, episodes of open datasets as the source of a new one, copied from map to disk."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
 from swarmdata.runtime.mapped_pages import MappedReads
-from swarmdata.store.arrays.layout import ALL_FIELDS, DType, common_dtype
+from swarmdata.store.arrays.layout import ALL_FIELDS, LEAVING_ARRAYS, DType, common_dtype
 from swarmdata.store.stored_dataset import StoredDataset
 from swarmdata.store.table import EpisodeTable
-from swarmdata.types import Counts, Int
+from swarmdata.types import Bool, Counts, Int
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,12 +34,23 @@ class Piece:
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Rows of an array over time, one block per episode."""
+        if name in LEAVING_ARRAYS and name not in self.stored.arrays:
+            yield from self._presence(name)
+            return
         reads = MappedReads([self.stored.arrays[name]])
         for number in self.episodes.tolist():
             rows = self.stored.rows(number, name)
             yield rows
             reads.add(rows)
         reads.release()
+
+    def _presence(self, name: str) -> Iterator[Bool]:
+        """Rows of one of `LEAVING_ARRAYS`, where all agents act until their team ends."""
+        n_agents = self.stored.arrays["rewards"].shape[1]
+        of_team: Iterable[Bool] = (np.arange(n + 1) < n for n in self.table.lengths.tolist())
+        if name != "alive":
+            of_team = self.blocks(name.removeprefix("agent_"))
+        return (np.repeat(rows[:, None], n_agents, axis=1) for rows in of_team)
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,9 +69,10 @@ class Selection:
         first = self.pieces[0].stored
         for piece in self.pieces[1:]:
             other = piece.stored
-            differing = sorted(set(first.arrays) ^ set(other.arrays)) or [
+            different = set(first.arrays) ^ set(other.arrays)
+            differing = sorted(different - set(LEAVING_ARRAYS)) or [
                 name
-                for name in self.names
+                for name in set(self.names) - different
                 if first.arrays[name].shape[1:] != other.arrays[name].shape[1:]
             ]
             if differing:
@@ -71,7 +83,9 @@ class Selection:
 
     @property
     def names(self) -> tuple[str, ...]:
-        return tuple(name for name in self.pieces[0].stored.arrays if name in ALL_FIELDS)
+        """Of those that say which agents act, all where a piece has them."""
+        there = {name for piece in self.pieces for name in piece.stored.arrays}
+        return tuple(name for name in ALL_FIELDS if name in there)
 
     @cached_property
     def table(self) -> EpisodeTable:
@@ -85,11 +99,16 @@ class Selection:
         return EpisodeTable(**{**joined, **renewed})
 
     def row_shape(self, name: str) -> tuple[int, ...]:
-        return self.pieces[0].stored.arrays[name].shape[1:]
+        return self._of(name)[0].shape[1:]
 
     def dtype(self, name: str) -> DType:
         """Images that another version recorded are float32."""
-        return common_dtype(name, (str(each.stored.arrays[name].dtype) for each in self.pieces))
+        return common_dtype(name, (str(array.dtype) for array in self._of(name)))
+
+    def _of(self, name: str) -> list[NDArray[Any]]:
+        """An array of all pieces that have it."""
+        found = (piece.stored.arrays.get(name) for piece in self.pieces)
+        return [array for array in found if array is not None]
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         return chain.from_iterable(piece.blocks(name) for piece in self.pieces)

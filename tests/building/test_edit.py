@@ -32,7 +32,7 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
 from swarmdata.types import Bool, Episode
-from tests.support.made_episodes import stored
+from tests.support.made_episodes import left_early, stored
 from tests.support.tiny import abandoned
 
 LENGTHS = [[3, 1, 7, 4, 2, 9, 1, 6, 5, 5, 3, 8], [5, 5, 1, 8, 1, 1, 3, 2, 6, 4, 7, 2]]
@@ -286,3 +286,24 @@ def test_shapes_that_do_not_fit_are_named(source: Dataset, tmp_path: Path) -> No
     apart = replace(same, stored=replace(stored, table=seeds))
     with pytest.raises(SchemaError, match="do not fit together: one has other rows of sent"):
         combine_datasets([source, apart], tmp_path / "out", id="coop_nav-both-v0")
+
+
+def test_teams_that_agents_leave_are_combined_with_whole_ones(
+    source: Dataset, tmp_path: Path
+) -> None:
+    leaving = [left_early(make_episode(6, 900 + k)) for k in range(12)]
+    recipe = make_recipe(40).model_copy(update={"id": "coop_nav-leaving-v0"})
+    left = stored(tmp_path / "left", recipe, [leaving])
+    for parts in ([source, left], [left, source]):
+        both = combine_datasets(parts, tmp_path / parts[0].id, id="coop_nav-both-v0")
+        check_dataset(both.path)
+        for got, expected in zip(both, [e for part in parts for e in part], strict=True):
+            n = expected.rewards.shape[1]
+            if expected.alive is not None:
+                np.testing.assert_array_equal(got.alive, expected.alive)
+                continue
+            acts = np.arange(len(expected.rewards) + 1)[:, None] < len(expected.rewards)
+            np.testing.assert_array_equal(got.alive, np.repeat(acts, n, axis=1))
+            for name in ("terminations", "truncations"):
+                of_team = np.repeat(getattr(expected, name)[:, None], n, axis=1)
+                np.testing.assert_array_equal(getattr(got, f"agent_{name}"), of_team)

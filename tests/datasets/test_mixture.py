@@ -6,14 +6,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from swarmdata.building.edit import combine_datasets
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
 from swarmdata.errors import SchemaError, SpecError
+from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import find_frame
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import make_task
+from swarmdata.testing.synthetic import make_episode, make_recipe
+from tests.support.made_episodes import left_early, stored
 from tests.support.tiny import TINY, make_tiny
 
 WEIGHTS = (0.8, 0.2)
@@ -115,6 +119,32 @@ def test_episodes_are_numbered_through_all_parts(mixture: Mixture) -> None:
     is_first, n_first = index < mixture.parts[0].n_steps, len(mixture.parts[0])
     assert set(np.unique(episodes[is_first])) == set(range(n_first))
     assert set(np.unique(episodes[~is_first])) == set(range(n_first, len(mixture)))
+
+
+def test_who_acts_is_known_of_a_mixture_as_of_the_combined_dataset(tmp_path: Path) -> None:
+    """A batch had no `alive` where one of the datasets had none, so actors learned from absence."""
+    whole = [make_episode(6, k) for k in range(12)]
+    left = [left_early(make_episode(6, 100 + k)) for k in range(12)]
+    both = [
+        stored(
+            tmp_path / name, make_recipe(40).model_copy(update={"id": f"coop_nav-{name}-v0"}), [e]
+        )
+        for name, e in (("whole", whole), ("left", left))
+    ]
+    rows = np.arange(sum(part.n_steps for part in both))
+    combined = combine_datasets(both, tmp_path / "both", id="coop_nav-both-v0")
+    for sizes in ({}, {"horizon": 4}):
+        got = mix(both).sampler(8, **sizes).gather(rows)
+        expected = combined.sampler(8, **sizes).gather(rows)
+        for name in ("alive", "agent_terminations", "next_alive", "rewards"):
+            np.testing.assert_array_equal(getattr(got, name), getattr(expected, name))
+    streamed = load([part.path for part in both], stream=True)
+    drawn = next(streamed.sampler(64))
+    assert not drawn.alive.all(), "of the part that agents leave"
+    assert not drawn.rewards[~drawn.alive].any()
+    few = mix(both).sampler(8).gather(rows, frozenset({"alive"}))
+    assert few.alive is not None
+    assert few.next_alive is few.rewards is None
 
 
 def test_only_the_wanted_fields_are_read(mixture: Mixture) -> None:

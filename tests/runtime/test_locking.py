@@ -112,6 +112,18 @@ def test_where_nothing_can_be_written(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.parametrize(("umask", "mode"), [(0o002, 0o664), (0o022, 0o644), (0o077, 0o600)])
+def test_the_umask_says_who_else_may_take_over_a_lock(
+    tmp_path: Path, umask: int, mode: int
+) -> None:
+    before = os.umask(umask)
+    try:
+        with locked(tmp_path / "data"):
+            assert (tmp_path / ".data.lock").stat().st_mode & 0o777 == mode
+    finally:
+        os.umask(before)
+
+
 @pytest.mark.parametrize("kind", ["link", "dangling link", "hard link", "file", "folder", "pipe"])
 def test_what_is_in_the_place_of_a_lock_is_left(tmp_path: Path, kind: str) -> None:
     """Row 75: a link led to a file of somebody else, which was overwritten."""

@@ -59,6 +59,26 @@ def made_episode(
     )
 
 
+def left_early(episode: Episode) -> Episode:
+    """The episode, of which agent 0 terminates in the first step, and the others with the team."""
+    length, n_agents = episode.rewards.shape
+    alive = np.repeat(np.arange(length + 1)[:, None] < length, n_agents, axis=1)
+    alive[1:, 0] = False
+    leaves: dict[str, Any] = {
+        f"agent_{name}": np.repeat(getattr(episode, name)[:, None], n_agents, axis=1)
+        for name in ("terminations", "truncations")
+    }
+    for flags in leaves.values():
+        flags[:, 0] = False
+    leaves["agent_terminations"][0, 0] = True
+    acts = alive[:-1]
+    absent: dict[str, Any] = {
+        n: np.where(acts, getattr(episode, n), 0) for n in ("rewards", "log_probs")
+    }
+    actions = np.where(acts[..., None], episode.actions, 0)
+    return replace(episode, alive=alive, actions=actions, **absent, **leaves)
+
+
 def stored(
     folder: Path, origin: Origin, streams: Sequence[Sequence[Episode]], splits: Any = None
 ) -> Dataset:

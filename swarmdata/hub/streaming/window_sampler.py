@@ -141,6 +141,7 @@ class WindowSampler(RowSampler):
             scale=scale,
             rows=self._memory.rows,
         )
+        self.agents_leave = "alive" in blocks.manifest.arrays
         self._n_steps = int(blocks.table.lengths[selection].sum())
         steps = self._n_steps / len(self._live) / (batch_size * (horizon or 1))
         self._turn_batches = max(1, round(steps))

@@ -80,7 +80,7 @@ def create_hdf5(path: Path) -> Iterator[tuple[Any, Callable[[], None]]]:
     """
     import h5py  # noqa: PLC0415  (heavy)
 
-    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o644)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
     try:
         sink = _FailSafeFile(descriptor)
         with h5py.File(sink, "w") as file:

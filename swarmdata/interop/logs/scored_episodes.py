@@ -188,18 +188,19 @@ def team_motion(
     )
 
 
-def _unit(track: RobotTrack, robot: Robot, logged: LoggedRobot) -> Float:
-    """Commands as multiples of a robot's maxima, [K, 2]."""
+def _unit(track: RobotTrack, robot: Robot, logged: LoggedRobot) -> tuple[Float, int]:
+    """Commands as multiples of a robot's maxima, [K, 2], and how many were greater than those."""
     second = robot.max_turn_rate if robot.dynamics == "unicycle" else robot.max_speed
     actions: Float = (track.actions / np.array([robot.max_speed, second])).astype(np.float32)
-    greatest = float(np.abs(actions).max(initial=0.0))
-    if greatest > LONGEST_ACTION and logged.command.outside == "refuse":
+    greatest = np.abs(actions).max(axis=1, initial=0.0)
+    outside: Bool = greatest > LONGEST_ACTION
+    if outside.any() and logged.command.outside == "refuse":
         raise ConversionError(
-            f"a command of {logged.name} is {greatest:.3g} times the maximum of the task's robot. "
-            "Raise max_speed or max_turn_rate of the task, or say `outside: clip` in the map."
+            f"a command of {logged.name} is {greatest.max():.3g} times the maximum of the task's "
+            "robot. Raise max_speed or max_turn_rate of the task, or say `outside: clip` in the "
+            "map."
         )
-    clipped: Float = actions.clip(-1.0, 1.0)
-    return clipped
+    return actions.clip(-1.0, 1.0), int(outside.sum())
 
 
 def score_episodes(
@@ -210,7 +211,7 @@ def score_episodes(
     grid: Int,
     windows: Sequence[Window],
 ) -> tuple[list[Episode], Counter[str]]:
-    """Makes an episode of each window that is long enough; counts the steps left out, by why.
+    """Makes an episode of each window that is long enough; counts what was left out or clipped.
 
     Raises:
         SpecError: the map has other obstacles than the task.
@@ -218,11 +219,11 @@ def score_episodes(
     """
     if log_map.episodes.goals == "reached":
         tracks = with_reached_goals(tracks, windows)
-    actions = np.stack(
-        [_unit(t, r, s.robot) for t, r, s in zip(tracks, spec.robots, signals, strict=True)], axis=1
-    )
+    units = [_unit(t, r, s.robot) for t, r, s in zip(tracks, spec.robots, signals, strict=True)]
+    actions = np.stack([commands for commands, _ in units], axis=1)
     motion = team_motion(spec, log_map, signals, tracks, grid)
-    world, episodes, counts = LoggedWorld(make_task(spec)), list[Episode](), Counter[str]()
+    world, episodes = LoggedWorld(make_task(spec)), list[Episode]()
+    counts = Counter({"commands_clipped_to_the_task": sum(n for _, n in units)})
     for window in windows:
         counts["first_poses"] += 1
         first, stop = window.start + 1, window.stop

@@ -182,6 +182,9 @@ OPTIONAL_FIELDS = {
 """Arrays that not every dataset has: terms of rewards, those of our tasks; the others, recordings
 where agents leave an episode or choices are forbidden."""
 
+LEAVING_ARRAYS = ("agent_terminations", "agent_truncations", "alive")
+"""Arrays that a dataset has only if agents leave an episode before its end."""
+
 ALL_FIELDS = FIELDS | OPTIONAL_FIELDS
 
 

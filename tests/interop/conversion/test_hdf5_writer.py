@@ -64,3 +64,13 @@ def test_what_fails_at_the_very_end_is_raised_too(
 
     with pytest.raises(OSError, match="No space left"):
         fill_then_fail()
+
+
+def test_the_umask_says_who_else_may_write_to_a_file(tmp_path: Path) -> None:
+    before = os.umask(0o002)
+    try:
+        with create_hdf5(tmp_path / "x.hdf5") as opened:
+            fill(*opened)
+    finally:
+        os.umask(before)
+    assert (tmp_path / "x.hdf5").stat().st_mode & 0o777 == 0o664

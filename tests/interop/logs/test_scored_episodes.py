@@ -206,6 +206,19 @@ def test_commands_have_the_gain_of_their_robots(tmp_path: Path) -> None:
     assert_array_equal(half[0].states, plain[0].states)
 
 
+def test_commands_beyond_the_task_are_refused_or_clipped_and_counted(tmp_path: Path) -> None:
+    spec = task()
+    logs = write_logs(tmp_path, spec, play(spec, 1))
+    slow = task(team=[{"count": N, "robot": {"dynamics": "holonomic", "max_speed": 0.3}}])
+    with pytest.raises(ConversionError, match="times the maximum of the task's robot"):
+        make(tmp_path, logs, slow)
+    clip = {**EACH, "command": {**EACH["command"], "outside": "clip"}}
+    notes = make(tmp_path, logs, slow, each=clip).recipe.metadata or {}
+    speeds = [np.genfromtxt(log, delimiter=",", names=True)[["a", "b"]] for log in logs]
+    n_greater = sum(int((np.maximum(abs(s["a"]), abs(s["b"])) > 0.3001).sum()) for s in speeds)
+    assert int(notes["commands_clipped_to_the_task"]) == n_greater
+
+
 def test_obstacles_of_the_map_are_touched(tmp_path: Path) -> None:
     spec = task(rules={"task": "coop_nav"}, obstacles={**NO_OBSTACLES, "circles": 1, "boxes": 1})
     obstacles = [
