@@ -232,7 +232,7 @@ def unknown_dataset(request: Request, remotes: Remotes) -> UnknownNameError:
         asked = ", ".join(remotes.asked) or "none is configured"
         hint = f"Remotes asked: {asked}. If it is on another one, run: {command}"
     own = {*cached_ids(request.place)} - shipped_recipes().keys()
-    known = [without_version(key) for key in (*shipped_recipes(), *own)]
+    known = dict.fromkeys(without_version(key) for key in (*shipped_recipes(), *own))
     return UnknownNameError("dataset", request.text, known, hint=hint)
 
 
