@@ -89,6 +89,11 @@ $(STAMPS)/docs: $(STAMPS)/test
 	$(TOOLS) --group docs
 	touch $@
 
+# what the tutorials ask their readers to install
+$(STAMPS)/notebooks: $(STAMPS)/docs
+	$(INSTALL) --editable '.[torch,plots,logs,onnx]'
+	touch $@
+
 quickstart: $(STAMPS)/package
 	$(BIN)/swarmdata generate $(QUICK_DATA)
 	$(MAKE) -j 2 quickstart-bc quickstart-maddpg_bc
@@ -140,7 +145,7 @@ learns: $(STAMPS)/test
 docs: $(STAMPS)/docs
 	$(BIN)/python -m docs.site.build_site --out dist/docs $(ARGS)
 
-notebooks: $(STAMPS)/docs
+notebooks: $(STAMPS)/notebooks
 	$(BIN)/python -m docs.site.make_notebooks $(ARGS)
 
 bench: $(STAMPS)/test
