@@ -71,7 +71,7 @@ def make_notebook(source: Path) -> Path:
         work.mkdir()
         NotebookClient(
             notebook, timeout=CELL_SECONDS, resources={"metadata": {"path": str(work)}},
-            record_timing=False,
+            record_timing=False, coalesce_streams=True,
         ).execute()  # fmt: skip
     for cell in notebook.cells:
         cell.metadata.clear()
