@@ -149,9 +149,8 @@ def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
     for each in provenances:
         if (each.algorithm, each.config) != (first.algorithm, first.config):
             raise SpecError(
-                f"{each.run} was trained with other settings of {each.algorithm} than {first.run} "
-                f"with those of {first.algorithm}, expected further seeds of one algorithm and "
-                "configuration. Submit them apart."
+                f"{each.run} ({each.algorithm}) and {first.run} ({first.algorithm}) differ in "
+                "algorithm or settings, expected seeds of one configuration. Submit them apart."
             )
     return Target(targets[0].spec, policies, provenances)
 

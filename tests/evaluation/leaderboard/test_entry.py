@@ -74,7 +74,7 @@ def test_runs_with_other_settings_are_refused(
     configs: dict[str, dict[str, Any]], tmp_path: Path
 ) -> None:
     configs["second"] = {"hidden": 32}
-    with pytest.raises(SpecError, match="second was trained with other settings of bc than first"):
+    with pytest.raises(SpecError, match=r"second \(bc\) and first \(bc\) differ in"):
         submit([Path("first"), Path("second")], tmp_path / "entry", DATASET, name="m", **ABOUT)
 
 
