@@ -147,7 +147,9 @@ class Tag:
             *vector("evader.velocity", "velocity", "velocity of the evader"),
         )
         self._rules, self.terms = rules, _terms(rules)
-        self.solved = f"{rules.captors} pursuers are within capture_radius of the evader"
+        self.solved = (
+            f"{rules.captors} pursuers are within {rules.capture_radius:g} m of the evader"
+        )
 
     @staticmethod
     def appearance(spec: TaskSpec) -> Appearance:

@@ -89,6 +89,12 @@ class Entry:
         return {} if known is None else known.gaps
 
     @property
+    def solved(self) -> str:
+        """What an episode with success is called: of several sides, the first wins it."""
+        sides = () if self.spec.world is None else self.spec.world.sides
+        return f"won by {sides[0].name}" if len(sides) > 1 else "solved"
+
+    @property
     def need(self) -> float | None:
         """Points of clean success that robots lose who ignore each other; None: not measured."""
         alone = self.gaps.get("scripted-alone")

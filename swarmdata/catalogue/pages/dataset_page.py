@@ -145,7 +145,7 @@ def _solved(entry: Entry) -> tuple[object, ...]:
     """The share of solved episodes, where it is known, as text and as a bar."""
     if entry.success is None:
         return ()
-    return f"{percent(entry.success)} solved", svg_shapes.share_bar(entry.success)
+    return f"{percent(entry.success)} {entry.solved}", svg_shapes.share_bar(entry.success)
 
 
 def _absent(entry: Entry, picture: Html) -> Html:

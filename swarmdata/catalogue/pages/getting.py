@@ -15,6 +15,7 @@ from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.action_scaling import action_scale, has_choices
 from swarmdata.specs.model_choice import describe
 from swarmdata.specs.origins import Spec
+from swarmdata.specs.rules import rules_model
 
 DIGITS = 12  # of a digest in print
 
@@ -59,7 +60,7 @@ def _facts(entry: Entry) -> Html:
         ("address", _address(entry)),
         ("source", entry.kind),
         ("recorded by", _policies(entry)),
-        ("solved", _solved(entry)),
+        (entry.solved, _solved(entry)),
         ("score", UNKNOWN if entry.score is None else f"{score(entry.score)} (100: expert)"),
         ("costs", _costs(entry)),
         ("messages", _messages(entry)),
@@ -114,13 +115,11 @@ def _gap(entry: Entry) -> object:
     """By how much the scripted team is better than less coordinated ones."""
     if not entry.gaps:
         return "not measured"
-    items = []
+    meanings, items = {**LESS_COORDINATED, **rules_model(entry.spec.task).naive_teams}, []
     for name, gaps in entry.gaps.items():
         points, clean = (f"{100 * gaps[key].value:.1f}" for key in ("success", "clean_success"))
-        meaning = LESS_COORDINATED.get(name, name)
-        items.append(
-            element("div", f"{points} points of success, {clean} of clean success: {meaning}")
-        )
+        text = f"{points} points of success, {clean} of clean success: {meanings[name]}"
+        items.append(element("div", text))
     return join(*items)
 
 

@@ -100,11 +100,12 @@ def _runs(results: Sequence[Result]) -> Html:
         for key, column in COLUMNS.items()
         if key != "score" and not all(math.isnan(_mean(one, key)) for one in results)
     ]
+    is_kept = any(result.run_name for result in results)
     rows: list[tuple[object, ...]] = []
     for name, result in zip(run_names(results), results, strict=True):
         figures = [format_number(_mean(result, column.key), column) for column in shown]
-        rows.append((name, *figures, result.run_name or "not kept"))
-    head = ("run", *(column.header for column in shown), "run folder")
+        rows.append((name, *figures, *([result.run_name or "not kept"] if is_kept else [])))
+    head = ("run", *(column.header for column in shown), *(["run folder"] if is_kept else []))
     text = element("p", "Means over the episodes of each training seed.")
     return section("Runs", "runs", text, table(head, rows))
 

@@ -34,7 +34,9 @@ def lead(entry: Entry) -> str:
     task = make_task(spec)
     doc = inspect.getdoc(sys.modules[type(task).__module__]) or ""
     first = " ".join(doc.partition("\n\n")[0].split()).rstrip(".")
-    what = re.sub(r"\bN robots\b", f"{spec.n_agents} robots", first.partition(": ")[2] or first)
+    n = spec.n_agents
+    what = re.sub(r"\bN - 1\b", str(n - 1), first.partition(": ")[2] or first)
+    what = re.sub(r"\bN robots\b", f"{n} robots", what)
     solved = re.sub(r"`(\w+)`", r"\1", task.solved)
     arena = f"{spec.arena.width:g} m × {spec.arena.height:g} m"
     return (
