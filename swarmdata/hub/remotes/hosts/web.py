@@ -71,7 +71,15 @@ class WebRemote:
     def read(self, release: Release, file: str, out: Path, size: int) -> None:
         part = out.with_name(f"{out.name}.part")
         url = f"{release.address}/{quote(file)}"
-        self._backoff.run(f"fetching {url}", lambda: self._download(url, part, size))
+        there = _size(part)
+        while True:
+            try:
+                self._backoff.run(f"fetching {url}", lambda: self._download(url, part, size))
+                break
+            except HubError:  # attempts count from the last that brought bytes
+                if (now := _size(part)) <= there:
+                    raise
+                there = now
         part.replace(out)
 
     def read_range(self, release: Release, file: str, first: int, size: int) -> bytes:
@@ -106,7 +114,7 @@ class WebRemote:
 
     def _download(self, url: str, part: Path, size: int) -> None:
         """Adds what is missing to `part`; a server that ignores ranges sends everything again."""
-        there = part.stat().st_size if part.exists() else 0
+        there = _size(part)
         if there == size:
             return  # stopped between the last byte and the rename
         if there > size:
@@ -164,6 +172,10 @@ def _explained(error: HTTPError, url: str) -> Exception:
         return TransientError(problem, seconds(error.headers.get("Retry-After")))
     more = "; buckets without a public list answer so for what they lack" * (error.code == 403)
     return HubError(f"{problem}. Look whether the address is right and open to you{more}.")
+
+
+def _size(part: Path) -> int:
+    return part.stat().st_size if part.exists() else 0
 
 
 def _starts_at(response: Response, offset: int) -> bool:

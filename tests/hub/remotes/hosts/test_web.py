@@ -35,6 +35,19 @@ def test_a_cut_file_goes_on_where_it_ended(
     assert not (tmp_path / "out.part").exists()
 
 
+def test_attempts_count_from_the_last_that_brought_bytes(
+    remote: WebRemote, host: StaticHost, dataset: Path, tmp_path: Path
+) -> None:
+    host.faults.append(Fault("GET .*observations/c", cut=1_000, times=12))
+    release = Release(ID, f"{remote.address}/{ID}")
+    file = next(dataset.glob("data.zarr/observations/c.*"))
+    name = str(file.relative_to(dataset))
+
+    remote.read(release, name, tmp_path / "out", file.stat().st_size)
+
+    assert (tmp_path / "out").read_bytes() == file.read_bytes()
+
+
 @pytest.mark.parametrize("ranges", [True, False])
 @pytest.mark.parametrize("there", [b"", b"wrong", b"x" * 100_000])
 def test_leftovers_of_an_earlier_attempt_do_no_harm(
