@@ -61,6 +61,8 @@ def schema_pages() -> dict[str, str]:
 def schema_page(name: str) -> str:
     """The page of one kind of file: a section for its model and for each model within."""
     title, model, introduction = SCHEMAS[name]
+    for each in models().values():
+        each.model_rebuild()  # older pydantic cannot show defaults of models that are not built
     schema = model.model_json_schema()
     inner: dict[str, Any] = schema.get("$defs", {})
     if name == "recipe":  # the page of tasks has the rest
