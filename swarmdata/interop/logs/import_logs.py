@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError, SpecError
+from swarmdata.errors import ConversionError, SpecError, list_of
 from swarmdata.interop.convert import store_imported
 from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import find_windows, make_episodes, most_steps
@@ -29,7 +29,7 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import RecordedSpec
+from swarmdata.specs.origins import NUMBERED_SEEDS, RecordedSpec
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs
 from swarmdata.specs.recipe import Splits
@@ -185,7 +185,7 @@ def _checked(out: Path | str) -> Path:
 
 
 def _opened(logs: Sequence[Path | str] | Path | str, log_map: LogMap) -> OpenLogs:
-    listed = [logs] if isinstance(logs, Path | str) else logs
+    listed = list_of("logs", logs, "the path of a log, or a list of them")
     return OpenLogs([Path(each).expanduser().absolute() for each in listed], log_map)
 
 
@@ -248,8 +248,7 @@ def _within_horizon(log_map: LogMap, task: TaskSpec) -> LogMap:
 
 def _notes(logs: OpenLogs, log_map: LogMap, counts: Mapping[str, int]) -> dict[str, str]:
     """What was done to the logs, for the card."""
-    notes = {"seeds": "numbers of the episodes"}
-    notes |= {name: f"{n:,}" for name, n in sorted(counts.items()) if n}
+    notes = NUMBERED_SEEDS | {name: f"{n:,}" for name, n in sorted(counts.items()) if n}
     guessed = [robot.name for robot in log_map.robots if robot.command.differences]
     lists = {
         "actions_from_poses": guessed,
