@@ -237,7 +237,7 @@ def _numbers(episodes: Collection[int], source: Dataset) -> Int:
 
 def _all_there(there: Any, wanted: Collection[int], what: str) -> Any:
     """The wanted values, in the dtype of those that are there."""
-    missing = sorted(set(wanted) - set(there.tolist()))
+    missing = sorted({int(each) for each in wanted} - set(there.tolist()))
     if missing:
         raise SchemaError(f"{what} {missing[:3]} are not there ({len(missing)} of {len(wanted)})")
     return np.array(list(wanted), dtype=there.dtype)
