@@ -14,9 +14,10 @@ from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import NUMBERED_SEEDS, Origin, check_installed
+from swarmdata.specs.origins import Origin, check_installed
 from swarmdata.specs.origins.edit_origin import Edit, Parent
 from swarmdata.specs.origins.log_origin import ImportedLogs
+from swarmdata.specs.origins.recording_origin import NUMBERED_SEEDS
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource, who_acts
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import CARD, CHECKPOINTS

@@ -28,7 +28,7 @@ from swarmdata.interop.conversion.imported_data import (
     spec_from_shapes,
 )
 from swarmdata.interop.conversion.user_choices import Choices
-from swarmdata.specs.origins import NUMBERED_SEEDS
+from swarmdata.specs.origins.recording_origin import NUMBERED_SEEDS
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Bool, Episode
 

@@ -29,9 +29,10 @@ from swarmdata.runtime.documents import read_document
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import NUMBERED_SEEDS, RecordedSpec
+from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs
+from swarmdata.specs.origins.recording_origin import NUMBERED_SEEDS
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec

@@ -8,12 +8,10 @@ from swarmdata.specs.origins.origin_kinds import (
     task_of,
 )
 from swarmdata.specs.origins.recorded_spec import MAX_COLUMNS, RecordedAgent, RecordedSpec
-from swarmdata.specs.origins.recording_origin import NUMBERED_SEEDS
 from swarmdata.specs.origins.spec_kinds import SPEC_KINDS, AnySpec, SideSpec, Spec
 
 __all__ = [
     "MAX_COLUMNS",
-    "NUMBERED_SEEDS",
     "ORIGIN_KINDS",
     "SPEC_KINDS",
     "AnySpec",
