@@ -1,5 +1,6 @@
 """Describes an edited dataset by its parents and policies, and writes its folder."""
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,17 +10,20 @@ import numpy as np
 from swarmdata.cards.side_files import finish
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import BuildError, SchemaError, SpecError
+from swarmdata.numerics.random import EVALUATION_BASE, derive
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.locking import locked
 from swarmdata.specs.frozen import differences
-from swarmdata.specs.origins import check_installed
+from swarmdata.specs.origins import Origin, check_installed
 from swarmdata.specs.origins.edit_origin import Edit, Parent
+from swarmdata.specs.origins.log_origin import ImportedLogs
+from swarmdata.specs.origins.recording_origin import NUMBERED_SEEDS
 from swarmdata.specs.recipe import MOST_POLICIES, PolicySource, who_acts
 from swarmdata.store import SPLITS
 from swarmdata.store.arrays.layout import CARD, CHECKPOINTS
 from swarmdata.store.assembly import write_dataset
 from swarmdata.store.episode_selection import Piece, Selection
-from swarmdata.types import Int
+from swarmdata.types import Int, Seeds
 
 
 def describe(views: Sequence[Dataset], name: str, tier: str, operation: str) -> Edit:
@@ -78,7 +82,7 @@ def _check_episodes(views: Sequence[Dataset]) -> None:
             f"no episode of {', '.join(empty)} meets the conditions; their team returns are "
             f"{returns.min():.6g} to {returns.max():.6g}. Widen the conditions."
         )
-    seeds = np.concatenate([view.episodes.seeds for view in views])
+    seeds = np.concatenate(episode_seeds(views))
     order = np.argsort(seeds, kind="stable")
     same = np.flatnonzero(seeds[order][1:] == seeds[order][:-1])
     if len(same):
@@ -88,14 +92,49 @@ def _check_episodes(views: Sequence[Dataset]) -> None:
             f"episode {k} of {one} and episode {j} of {other} have the same seed "
             f"{seeds[order[same[0]]]}, {len(same)} pairs in all: an episode may be in a dataset "
             "once, or it could be in train and test. Leave one of each out with `filter`. If they "
-            "are different logs or files, whose seeds only number the episodes, mix them instead: "
-            "swarmdata.load([one, other])."
+            "come from different logs or files, whose seeds only number the episodes, combine the "
+            "imported datasets in one call, before any other edit."
         )
     if not any((view.episodes.split == SPLITS.index("train")).any() for view in views):
         raise BuildError(
             "none of the episodes is in the train split, which normalization statistics come from. "
             "To look at held-out episodes, use a view: dataset.split('test')."
         )
+
+
+def episode_seeds(views: Sequence[Dataset]) -> list[Seeds]:
+    """The seeds that the episodes of each view get in the dataset of them all, [n] each.
+
+    They stay what they are, unless all views were imported from different files, whose seeds only
+    number the episodes, and have numbers in common: then hashes of the files and the number. Where
+    a view has such hashes of another's episodes, they were combined before: the other gets them,
+    too, so that no seed differs.
+    """
+    seeds = [view.episodes.seeds for view in views]
+    files = [_numbered_files(view.recipe) for view in views]
+    pairs = list(zip(files, seeds, strict=True))
+    hashes = [_hashes(names, numbers) if names else numbers for names, numbers in pairs]
+    apart = all(files) and len(frozenset[str]().union(*files)) == sum(map(len, files))
+    return hashes if (apart and _clash(seeds)) or _clash(hashes) else seeds
+
+
+def _numbered_files(origin: Origin) -> frozenset[str]:
+    """SHA-256 of the files that were imported, if seeds number their episodes; else none."""
+    if not NUMBERED_SEEDS.items() <= (origin.metadata or {}).items():
+        return frozenset()
+    if isinstance(origin, ImportedLogs):
+        return frozenset(file.sha256 for file in origin.files)
+    return frozenset() if origin.source_sha256 is None else frozenset([origin.source_sha256])
+
+
+def _hashes(files: frozenset[str], numbers: Seeds) -> Seeds:
+    digest = hashlib.sha256("".join(sorted(files)).encode()).digest()
+    return derive(int.from_bytes(digest[:8]), numbers) % np.uint64(EVALUATION_BASE)
+
+
+def _clash(seeds: Sequence[Seeds]) -> bool:
+    joined = np.concatenate(seeds)
+    return len(np.unique(joined)) < len(joined)
 
 
 def merge_policies(
@@ -131,7 +170,8 @@ def write_edit(edit: Edit, views: Sequence[Dataset], out: Path) -> Dataset:
     """Writes the dataset of an edit, with a card if all parents have one; one process at a time."""
     _, maps = merge_policies(views)
     pieces = [
-        Piece(view.stored, _increasing(view), map_) for view, map_ in zip(views, maps, strict=True)
+        Piece(view.stored, _increasing(view), map_, seeds)
+        for view, map_, seeds in zip(views, maps, episode_seeds(views), strict=True)
     ]
     with locked(out):
         remove_leftovers(out.parent, out.name)

@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import NoneType
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from swarmdata.building.combine import describe, write_edit
 from swarmdata.building.subsample import N_RETURN_BINS, matched, sized
 from swarmdata.datasets.dataset import Dataset
+from swarmdata.datasets.views import View
 from swarmdata.errors import DatasetNotFoundError, SchemaError, check_type
 from swarmdata.registry.recipes import check_own_id
 from swarmdata.runtime.cache_folder import cache_folder
@@ -64,6 +66,7 @@ def filter_dataset(
     check_type("the source", source, Dataset, "a Dataset", LOADED)
     view = source.filter(**asked)  # type: ignore[arg-type]
     if seeds is not None:
+        _check_list("seeds", seeds, "a list of seeds")
         wanted = _all_there(source.episodes.seeds, seeds, f"seeds of {source.id}")
         view = replace(view, selection=view.selection[np.isin(view.episodes.seeds, wanted)])
         asked["seeds"] = f"{len(wanted)} listed"
@@ -85,7 +88,8 @@ def combine_datasets(
     """Makes a dataset of the episodes of several, one after the other; of a view, just the view's.
 
     Policies that are the same but for their shares become one; where only the label is the same,
-    the later one is called `<id of its dataset>/<label>`.
+    the later one is called `<id of its dataset>/<label>`. Imported logs and files have no seeds but
+    the numbers of their episodes; if such numbers clash, episodes get new seeds.
 
     Args:
         sources: datasets or views of the same spec, without a common episode.
@@ -117,7 +121,7 @@ def subsample_dataset(
     min_return: float | None = None,
     max_return: float | None = None,
     like: Dataset | None = None,
-    bins: int = N_RETURN_BINS,
+    bins: int | None = None,
     seed: int = 0,
 ) -> Dataset:
     """Makes a smaller dataset: of a size, of a range of returns, or with returns like another's.
@@ -134,18 +138,27 @@ def subsample_dataset(
         min_return: least team return, included.
         max_return: greatest team return, included.
         like: a dataset or view whose distribution of returns is matched (`subsampling.matched`).
-        bins: of returns, for `like`.
-        seed: of the choice.
+        bins: of returns, only for `like`; None: 20.
+        seed: of the choice, 0 to 2**64 - 1.
 
     Raises:
-        SchemaError: nothing was asked for, or more steps than there are.
+        SchemaError: nothing was asked for, more steps than there are, or something that is not
+            what it should be.
         BuildError: no episode is left, or none to train on, or returns cannot be matched; or `out`
             holds something else.
     """
     check_type("the source", source, Dataset, "a Dataset", LOADED)
+    check_type("like", like, (View, NoneType), "a Dataset or None", LOADED)
+    for name, given in {"n_steps": n_steps, "bins": bins}.items():
+        if given is not None:
+            _check_number(name, given)
+    _check_number("seed", seed)
+    if like is None and bins is not None:
+        raise SchemaError(f"bins is {bins}, which are only for `like`: give both or none")
     view = source.filter(min_return=min_return, max_return=max_return)
     asked: dict[str, Any] = {"n_steps": n_steps, "min_return": min_return, "max_return": max_return}
     if like is not None:
+        bins = N_RETURN_BINS if bins is None else bins
         chosen = matched(view.episodes, like.episodes.team_return, n_steps, bins, seed)
         which = f"{like.id} ({len(like)} episodes, digest {like.digest[:12]})"
         asked |= {"like": which, "bins": bins, "seed": seed}
@@ -196,21 +209,35 @@ def _words(operation: str, asked: Mapping[str, Any]) -> str:
     return f"{operation}({given})"
 
 
+def _check_number(name: str, given: Any) -> None:
+    """Refuses what is no whole number from 0 to 2**64 - 1."""
+    check_type(name, given, (int, np.integer), "a whole number")
+    if not 0 <= given < 1 << 64:
+        raise SchemaError(f"{name} is {given}, expected 0 to 2**64 - 1")
+
+
+def _check_list(name: str, given: Any, expected: str) -> None:
+    """Refuses what is no collection of whole numbers or truth values."""
+    kinds = (int, np.integer, np.bool_)
+    if not isinstance(given, Collection) or not all(isinstance(each, kinds) for each in given):
+        raise SchemaError(f"{name} are {given!r:.100}, expected {expected}")
+
+
 def _numbers(episodes: Collection[int], source: Dataset) -> Int:
     """The numbers of episodes of a source, given them or a mask [n]."""
+    expected = f"numbers or a mask of {len(source)} episodes"
+    _check_list("episodes", episodes, expected)
     found = np.array(list(episodes), dtype=None if len(episodes) else np.int64)
     if found.dtype == np.bool_ and len(found) == len(source):
         return np.flatnonzero(found)
     if found.dtype.kind not in "iu":
-        raise SchemaError(
-            f"episodes are {episodes!r:.100}, expected numbers or a mask of {len(source)} episodes"
-        )
+        raise SchemaError(f"episodes are {episodes!r:.100}, expected {expected}")
     return _all_there(np.arange(len(source)), found.tolist(), f"episodes of {source.id}")
 
 
 def _all_there(there: Any, wanted: Collection[int], what: str) -> Any:
     """The wanted values, in the dtype of those that are there."""
-    missing = sorted(set(wanted) - set(there.tolist()))
+    missing = sorted({int(each) for each in wanted} - set(there.tolist()))
     if missing:
         raise SchemaError(f"{what} {missing[:3]} are not there ({len(missing)} of {len(wanted)})")
     return np.array(list(wanted), dtype=there.dtype)
@@ -219,6 +246,7 @@ def _all_there(there: Any, wanted: Collection[int], what: str) -> Any:
 def _edit(
     views: list[Dataset], out: Path | str | None, name: str, tier: str, operation: str
 ) -> Dataset:
+    check_type("out", out, (str, Path, NoneType), "a folder, or None for the cache")
     if out is None:  # where `load` finds it by its id
         check_own_id(name)
     folder = cache_folder() / "datasets" / name if out is None else Path(out)

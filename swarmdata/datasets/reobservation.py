@@ -230,8 +230,8 @@ def _spread(
         for source, start, length in zip(
             sources.tolist(), starts.tolist(), joined.lengths.tolist(), strict=True
         ):
-            rows = values[source : source + length + 1]
-            results[name][start : start + length + 1] = rows
+            rows = results[name][start : start + length + 1]
+            rows[:] = values[source : source + length + 1]
             writes.add(rows)
 
 

@@ -119,7 +119,11 @@ class TrainingData(ABC, Generic[S]):
 
     @abstractmethod
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
-        """Yields some arrays of each episode in stored order, and reads no others."""
+        """Yields some arrays of each episode in stored order, and reads no others.
+
+        Raises:
+            UnknownNameError: a dataset has no such array with rows over time.
+        """
 
     @abstractmethod
     def _chosen(self, choice: Choice) -> Self:
@@ -345,6 +349,9 @@ class View(TrainingData[R]):
         return map(self._episode, self.selection.tolist())
 
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
+        there = [name for name in TIME_ARRAYS if name in self._rows.manifest.arrays]
+        for name in names:
+            _index(f"array over time of {self.id}", name, there)
         for number in self.selection.tolist():
             yield tuple(self._rows.rows(number, name) for name in names)
 

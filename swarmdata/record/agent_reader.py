@@ -12,14 +12,13 @@ from swarmdata.errors import SchemaError
 from swarmdata.record.episode_buffer import Outcome
 from swarmdata.specs.origins import RecordedAgent
 from swarmdata.specs.spaces import (
-    DiscreteSpace,
     Limits,
-    MultiDiscreteSpace,
     Space,
     as_bytes,
     flatten,
     holds_bytes,
     limits_of,
+    n_choices,
     stack_agents,
     to_float32,
     width,
@@ -199,13 +198,6 @@ def combine_outcomes(successes: Iterable[bool]) -> Outcome:
     if not reported:
         return None
     return "success" if all(reported) else "failure"
-
-
-def n_choices(space: Space) -> int:
-    """Number of entries of an action mask; 0 for actions that are not discrete."""
-    if isinstance(space, DiscreteSpace):
-        return space.n
-    return sum(space.n) if isinstance(space, MultiDiscreteSpace) else 0
 
 
 def _mask_of(name: Any, observations: Mapping[Any, Any], infos: Mapping[Any, Any]) -> Any:

@@ -88,6 +88,20 @@ def width(space: Space) -> int:
     return sum(map(width, parts_of(space)))
 
 
+def n_choices(space: Space) -> int:
+    """Number of entries of an action mask; 0 for actions that are not discrete."""
+    if isinstance(space, DiscreteSpace):
+        return space.n
+    return sum(space.n) if isinstance(space, MultiDiscreteSpace) else 0
+
+
+def existing_choices(spaces: Sequence[Space]) -> NDArray[np.bool_]:
+    """Which entries of the action masks of several agents are choices, not padding, [N, C]."""
+    counts = np.array([n_choices(space) for space in spaces])
+    exist: NDArray[np.bool_] = np.arange(counts.max()) < counts[:, None]
+    return exist
+
+
 def is_continuous(space: Space) -> bool:
     """Whether a space has boxes of real numbers only, and at least one number."""
     return _has_boxes_of(space, "float")

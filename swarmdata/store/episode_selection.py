@@ -11,10 +11,14 @@ from numpy.typing import NDArray
 
 from swarmdata.errors import SchemaError
 from swarmdata.runtime.mapped_pages import MappedReads
+from swarmdata.specs.spaces import existing_choices
 from swarmdata.store.arrays.layout import ALL_FIELDS, LEAVING_ARRAYS, DType, common_dtype
 from swarmdata.store.stored_dataset import StoredDataset
 from swarmdata.store.table import EpisodeTable
-from swarmdata.types import Bool, Counts, Int
+from swarmdata.types import Bool, Counts, Int, Seeds
+
+IMPLIED_ARRAYS = (*LEAVING_ARRAYS, "action_masks")
+"""Arrays that a dataset without them implies: all agents act, and may do everything."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,18 +28,19 @@ class Piece:
     stored: StoredDataset  # the open files
     episodes: Int  # their stored numbers, increasing, [n]
     policies: Mapping[int, int]  # new policy index of each old one
+    seeds: Seeds | None = None  # their new seeds, [n]; None: as they are
 
     @property
     def table(self) -> EpisodeTable:
-        """Its episodes with their new policies; starts and stream numbers are those of the old."""
+        """Its episodes with new policies and seeds; starts and stream numbers are the old ones."""
         rows = self.stored.table.take(self.episodes)
         policy: Counts = np.array([self.policies[p] for p in rows.policy.tolist()], dtype=np.uint8)
-        return replace(rows, policy=policy)
+        return replace(rows, policy=policy, seeds=rows.seeds if self.seeds is None else self.seeds)
 
     def blocks(self, name: str) -> Iterator[NDArray[Any]]:
         """Rows of an array over time, one block per episode."""
-        if name in LEAVING_ARRAYS and name not in self.stored.arrays:
-            yield from self._presence(name)
+        if name in IMPLIED_ARRAYS and name not in self.stored.arrays:
+            yield from self._implied(name)
             return
         reads = MappedReads([self.stored.arrays[name]])
         for number in self.episodes.tolist():
@@ -44,8 +49,11 @@ class Piece:
             reads.add(rows)
         reads.release()
 
-    def _presence(self, name: str) -> Iterator[Bool]:
-        """Rows of one of `LEAVING_ARRAYS`, where all agents act until their team ends."""
+    def _implied(self, name: str) -> Iterator[Bool]:
+        """Rows of one of `IMPLIED_ARRAYS`, where all agents act until their team ends."""
+        if name == "action_masks":
+            exist = existing_choices(self.stored.recipe.spec.action_spaces)
+            return (alive[:, :, None] & exist for alive in self.blocks("alive"))
         n_agents = self.stored.arrays["rewards"].shape[1]
         of_team: Iterable[Bool] = (np.arange(n + 1) < n for n in self.table.lengths.tolist())
         if name != "alive":
@@ -70,7 +78,7 @@ class Selection:
         for piece in self.pieces[1:]:
             other = piece.stored
             different = set(first.arrays) ^ set(other.arrays)
-            differing = sorted(different - set(LEAVING_ARRAYS)) or [
+            differing = sorted(different - set(IMPLIED_ARRAYS)) or [
                 name
                 for name in set(self.names) - different
                 if first.arrays[name].shape[1:] != other.arrays[name].shape[1:]
@@ -83,7 +91,7 @@ class Selection:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of those that say which agents act, all where a piece has them."""
+        """Of those that say who acts and who may do what, all where a piece has them."""
         there = {name for piece in self.pieces for name in piece.stored.arrays}
         return tuple(name for name in ALL_FIELDS if name in there)
 

@@ -25,6 +25,8 @@ from swarmdata.errors import (
     SpecError,
     UnknownNameError,
 )
+from swarmdata.interop.logs.import_logs import import_logs
+from swarmdata.record.recorder import Recorder
 from swarmdata.registry.presets import preset
 from swarmdata.specs.origins.edit_origin import Edit
 from swarmdata.specs.recipe import PolicySource
@@ -32,6 +34,8 @@ from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.testing.dataset_contract import check_dataset
 from swarmdata.testing.synthetic import make_dataset, make_episode, make_recipe
 from swarmdata.types import Bool, Episode
+from tests.interop.logs.logged_team import log_map, write_team
+from tests.record.worlds import Choosing
 from tests.support.made_episodes import left_early, stored
 from tests.support.tiny import abandoned
 
@@ -307,3 +311,72 @@ def test_teams_that_agents_leave_are_combined_with_whole_ones(
             for name in ("terminations", "truncations"):
                 of_team = np.repeat(getattr(expected, name)[:, None], n, axis=1)
                 np.testing.assert_array_equal(getattr(got, f"agent_{name}"), of_team)
+
+
+def test_recordings_with_action_masks_are_combined_with_those_without(tmp_path: Path) -> None:
+    """They were refused, although without masks every choice is allowed."""
+    both = []
+    for name, mask_in in (("masked", "info"), ("free", None)):
+        path, made = tmp_path / name, f"choosing_v2-{name}-v0"
+        with Recorder(Choosing(mask_in), id=made, path=path) as recorder:
+            for _ in range(10):
+                recorder.reset()
+                while recorder.agents:
+                    recorder.step({a: recorder.action_space(a).sample() for a in recorder.agents})
+        both.append(recorder.close())
+    combined = combine_datasets(both[::-1], tmp_path / "both", id="choosing_v2-both-v0")
+    free, masked = combined[0].action_masks, both[0][0].action_masks
+    assert free is not None
+    assert masked is not None
+    exist = masked.copy()
+    exist[:-1, 0, :3] = True  # the agent with a mask has three choices
+    np.testing.assert_array_equal(free, exist)
+    np.testing.assert_array_equal(combined[10].action_masks, masked)
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"),
+    [
+        ({"n_steps": 20, "seed": -1}, "seed is -1"),
+        ({"n_steps": 20, "seed": 1.5}, "seed is 1.5"),
+        ({"n_steps": 20, "seed": None}, "seed is None"),
+        ({"n_steps": float("nan")}, "n_steps is nan"),  # it kept all episodes
+        ({"n_steps": 20, "bins": 4}, "bins is 4, which are only for `like`"),
+        ({"like": [1.0]}, "like is"),
+        ({"n_steps": 20, "out": 3}, "out is 3"),
+    ],
+)
+def test_what_subsample_cannot_use_is_refused(
+    source: Dataset, tmp_path: Path, given: dict[str, Any], wrong: str
+) -> None:
+    with pytest.raises(SchemaError, match=wrong):
+        subsample_dataset(source, **{"out": tmp_path / "out", "id": "coop_nav-few-v0", **given})
+
+
+@pytest.mark.parametrize("given", [{"episodes": 3}, {"seeds": 3}, {"seeds": map(int, "12")}])
+def test_episodes_and_seeds_are_collections(
+    source: Dataset, tmp_path: Path, given: dict[str, Any]
+) -> None:
+    """Of an iterator, the check read all seeds, so that none were left to select."""
+    with pytest.raises(SchemaError, match=f"{next(iter(given))} are .*, expected"):
+        filter_dataset(source, tmp_path / "out", id="coop_nav-few-v0", **given)
+
+
+def test_imported_logs_are_combined_and_keep_their_episodes_apart(tmp_path: Path) -> None:
+    """Their seeds number the episodes from 0, so that two days were taken for the same episodes."""
+    days = []
+    for name, seconds in (("monday", 30.0), ("tuesday", 40.0), ("wednesday", 30.5)):
+        folder, cuts = tmp_path / name, log_map(episodes={"length": 1.0})
+        folder.mkdir()
+        logs = write_team(folder, seconds)
+        days.append(import_logs(logs, folder / "ds", log_map=cuts, id=f"hall-{name}-v0"))
+    both = combine_datasets(days[:2], tmp_path / "both", id="hall-both-v0")
+    for got, expected in zip(both, [*days[0], *days[1]], strict=True):
+        np.testing.assert_array_equal(got.actions, expected.actions)
+    assert len(np.unique(both.episodes.seeds)) == len(both)
+    assert isinstance(both.recipe, Edit)
+    assert rebuild_edit(both.recipe, days, tmp_path / "again").digest == both.digest
+    whole = combine_datasets([both, days[2]], tmp_path / "whole", id="hall-whole-v0")
+    for twice in ([days[0], days[0]], [both, days[1][3:]], [whole, days[0]]):
+        with pytest.raises(SchemaError, match="have the same seed"):
+            combine_datasets(twice, tmp_path / "out", id="hall-twice-v0")

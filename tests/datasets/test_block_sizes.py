@@ -2,12 +2,15 @@
 
 import gc
 import pickle
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from swarmdata.audit import content_checks, subject
 from swarmdata.audit.checks import audit
@@ -19,7 +22,7 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.convert import source_digest
 from swarmdata.interop.export import export_dataset, in_frame
 from swarmdata.runtime import mapped_pages
-from swarmdata.runtime.mapped_pages import mapping_of
+from swarmdata.runtime.mapped_pages import MappedReads, mapping_of
 from swarmdata.store import damage
 from swarmdata.store.arrays import scratch_arrays
 from swarmdata.store.arrays.scratch_arrays import ScratchMap, new_arrays
@@ -137,6 +140,30 @@ def test_observing_again_does_not_depend_on_blocks(tiny: Path, states: int) -> N
         assert isinstance(mapping_of(values), ScratchMap)
         assert not values.flags.writeable
         assert np.array_equal(values, whole.stored.arrays[name]), name
+
+
+@pytest.mark.usefixtures("tight")
+def test_only_rows_of_arrays_that_are_given_back_are_counted(
+    tiny: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Reobservations counted rows in memory that they wrote, so that what they wrote stayed."""
+    counted: list[NDArray[Any]] = []
+    given_back: list[NDArray[Any]] = []
+    made = MappedReads.__init__
+
+    def make(self: MappedReads, arrays: Iterable[NDArray[Any]]) -> None:
+        given_back.extend(kept := [*arrays])
+        made(self, kept)
+
+    monkeypatch.setattr(MappedReads, "__init__", make)
+    monkeypatch.setattr(MappedReads, "add", lambda self, *rows: counted.extend(rows))
+    data = Dataset.open(tiny)
+    data.reobserve("lidar-8", progress=False)
+    data.with_rewards(robot_collision=2.0)
+    in_frame(data, "target")
+    subsample_dataset(data, tmp_path / "few", id="coop_nav-few-v0", n_steps=20)
+    export_dataset(data, tmp_path / "few.hdf5", format="d4rl")
+    assert all(any(np.may_share_memory(rows, a) for a in given_back) for rows in counted)
 
 
 @pytest.mark.usefixtures("tight")

@@ -132,6 +132,10 @@ def test_unknown_names_are_explained(dataset: Dataset) -> None:
         dataset.make_env(2, api="pettingzoo")
     with pytest.raises(UnknownNameError, match="Did you mean 'mujoco'"):
         dataset.make_env(backend="mujuco")
+    with pytest.raises(UnknownNameError, match="Did you mean 'rewards'"):
+        next(dataset.read("reward"))
+    with pytest.raises(UnknownNameError, match="'episodes/layouts'"):  # no rows over time
+        next(dataset.read("episodes/layouts"))
 
 
 def test_the_recorded_world_in_another_simulator(dataset: Dataset) -> None:

@@ -99,6 +99,6 @@ def subsample_command(
     made = subsample_dataset(
         load(source), out, id=new_id, tier=tier, n_steps=steps,
         min_return=min_return, max_return=max_return,
-        like=None if like is None else load(like), bins=bins, seed=seed,
+        like=None if like is None else load(like), bins=None if like is None else bins, seed=seed,
     )  # fmt: skip
     typer.echo(summary_of(made))

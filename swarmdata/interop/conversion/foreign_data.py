@@ -28,6 +28,7 @@ from swarmdata.interop.conversion.imported_data import (
     spec_from_shapes,
 )
 from swarmdata.interop.conversion.user_choices import Choices
+from swarmdata.specs.origins.recording_origin import NUMBERED_SEEDS
 from swarmdata.specs.recipe import PolicySource
 from swarmdata.types import Bool, Episode
 
@@ -315,7 +316,7 @@ def import_without_note(
     """
     spans = find_spans(timelines, choices)
     dropped = sum(map(len, timelines)) - sum(len(span) for each in spans for span in each)
-    metadata = {"seeds": "numbers of the episodes", **choices.answered()}
+    metadata = {**NUMBERED_SEEDS, **choices.answered()}
     if dropped:
         metadata["dropped_rows"] = str(dropped)
     metadata |= unread_note(unread)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ConversionError, SpecError
+from swarmdata.errors import ConversionError, SpecError, list_of
 from swarmdata.interop.convert import store_imported
 from swarmdata.interop.logs.clock_offsets import align_commands
 from swarmdata.interop.logs.episode_windows import find_windows, make_episodes, most_steps
@@ -32,6 +32,7 @@ from swarmdata.specs.frozen import differences
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.specs.origins.log_map import LogMap
 from swarmdata.specs.origins.log_origin import EstimatedClock, ImportedLogs
+from swarmdata.specs.origins.recording_origin import NUMBERED_SEEDS
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
@@ -185,7 +186,7 @@ def _checked(out: Path | str) -> Path:
 
 
 def _opened(logs: Sequence[Path | str] | Path | str, log_map: LogMap) -> OpenLogs:
-    listed = [logs] if isinstance(logs, Path | str) else logs
+    listed = list_of("logs", logs, "the path of a log, or a list of them")
     return OpenLogs([Path(each).expanduser().absolute() for each in listed], log_map)
 
 
@@ -248,8 +249,7 @@ def _within_horizon(log_map: LogMap, task: TaskSpec) -> LogMap:
 
 def _notes(logs: OpenLogs, log_map: LogMap, counts: Mapping[str, int]) -> dict[str, str]:
     """What was done to the logs, for the card."""
-    notes = {"seeds": "numbers of the episodes"}
-    notes |= {name: f"{n:,}" for name, n in sorted(counts.items()) if n}
+    notes = NUMBERED_SEEDS | {name: f"{n:,}" for name, n in sorted(counts.items()) if n}
     guessed = [robot.name for robot in log_map.robots if robot.command.differences]
     lists = {
         "actions_from_poses": guessed,

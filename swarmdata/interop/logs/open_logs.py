@@ -22,7 +22,8 @@ class OpenLogs:
         kept = [log for log in found if not is_match(log.name, log_map.ignore_logs)]
         if twice := repeated(log.name for log in kept):
             raise ConversionError(
-                f"several logs are named {', '.join(twice)}; the map tells them apart by name only"
+                f"several logs are named {', '.join(twice)}, but a map tells them apart by name "
+                "only. Import those of each day on their own, and combine the datasets."
             )
         if not kept:
             raise ConversionError("there are no logs, expected at least one")

@@ -226,7 +226,7 @@ def span_of(tracks: list[RobotSignals]) -> tuple[int, int]:
 def doubts(
     signals: Sequence[RobotSignals], tracks: Sequence[RobotTrack], dt: float
 ) -> Iterator[str]:
-    """Yields a sentence for each command that its robot's poses do not follow, and for clocks.
+    """Yields a sentence for each command that its robot's poses do not follow, and for absences.
 
     Compared are the median motion of a step, from poses, and the command of that motion, over the
     steps in which the robot drives.
@@ -234,6 +234,12 @@ def doubts(
     for each, track in zip(signals, tracks, strict=True):
         yield from _unfollowed(each, track, dt)
     present = np.array([track.is_placed & track.is_commanded for track in tracks])
+    for track, steps in zip(tracks, present, strict=True):
+        if not steps.any():
+            yield (
+                f"{track.agent.name} is never there: at no time are its pose and its command both "
+                "known; check its columns, its clock (`clock_offset`) and `max_gap`"
+            )
     if len(tracks) > 1 and present.any(axis=1).all() and not present.all(axis=0).any():
         names = ", ".join(track.agent.name for track in tracks)
         yield f"at no time are {names} all there; check their clocks (`clock_offset`)"

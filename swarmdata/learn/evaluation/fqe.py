@@ -232,8 +232,8 @@ N_BATCHES, BATCH_SIZE = 32, 256
 
 
 def imitation_error(split: Answered) -> Double:
-    """Returns what behavior cloning minimizes: mean |pi(o_i) - a_i|^2 / A, [K]."""
-    return _mean(_errors(split), torch.ones_like(split.data.returns, dtype=torch.float64))
+    """Returns what behavior cloning minimizes: mean |pi(o_i) - a_i|^2 / A of who acts, [K]."""
+    return _mean_error(split, torch.ones_like(split.data.returns, dtype=torch.float64))
 
 
 def weighted_imitation_error(split: Answered) -> Double:
@@ -246,17 +246,15 @@ def weighted_imitation_error(split: Answered) -> Double:
     returns = split.data.returns.double()
     spread = returns.std(correction=0)
     weights = torch.exp((returns - returns.mean()) / torch.where(spread > 0, spread, 1.0))
-    return _mean(_errors(split), weights)
+    return _mean_error(split, weights)
 
 
-def _errors(split: Answered) -> Tensor:
-    """Squared errors of the policies' actions, mean over robots and components, [K, n]."""
+def _mean_error(split: Answered, weights: Tensor) -> Double:
+    """Mean squared errors of the actions of robots that act, by weights of the steps, [n]."""
     data = split.data
-    return (split.answers[:, data.rows] - data.actions).square().mean((2, 3)).double()
-
-
-def _mean(errors: Tensor, weights: Tensor) -> Double:
-    result: Double = ((errors * weights).sum(1) / weights.sum()).cpu().numpy()
+    squares = (split.answers[:, data.rows] - data.actions).square() * data.acting[:, :, None]
+    errors, shares = squares.mean((2, 3)).double(), data.acting.double().mean(1)
+    result: Double = ((errors * weights).sum(1) / (weights * shares).sum()).cpu().numpy()
     return result
 
 

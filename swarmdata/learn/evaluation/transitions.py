@@ -38,6 +38,7 @@ class Transitions:
     rewards: Tensor  # [n] of the team
     returns: Tensor  # [n] discounted team rewards from this step to the end of its episode
     terminations: Tensor  # [n]
+    acting: Tensor  # [n, N] who acted
     rows: Tensor  # [n] row of x in which the action was taken; the next row is the next state
     first: Tensor  # [E] row of x of each episode's first state
     whole: Tensor  # [k] transitions in which no agent is missing that was cut before
@@ -59,12 +60,15 @@ class Transitions:
         for episode in dataset:
             actions = episode.actions if scale is None else scale.to_unit(episode.actions)
             team = episode.rewards.mean(axis=1, dtype=np.float64)
+            alive = episode.alive
+            acting = np.ones(episode.rewards.shape, np.bool_) if alive is None else alive[:-1]
             columns.append((
                 _information(episode, known),
-                actions if episode.alive is None else actions * episode.alive[:-1, :, None],
+                actions if alive is None else actions * acting[:, :, None],
                 team.astype(np.float32),
                 _in_float32(returns_to_go(team, discount), dataset.id),
                 episode.terminations,
+                acting,
                 _is_whole(episode),
             ))  # fmt: skip
         lengths = np.array([len(column[2]) for column in columns])

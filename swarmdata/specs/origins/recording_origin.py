@@ -9,6 +9,9 @@ from swarmdata.specs.origins.spec_kinds import AnySpec
 from swarmdata.specs.plain_names import Label, Sha256, Text
 from swarmdata.specs.recipe import Id, Policies, Seed, SplitRule, Splits
 
+NUMBERED_SEEDS = {"seeds": "numbers of the episodes"}
+"""Metadata of imported data, which know no seeds."""
+
 
 class Recording(Frozen):
     """A dataset of steps that were taken in an environment; it cannot be made again."""

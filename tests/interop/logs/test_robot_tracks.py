@@ -59,3 +59,10 @@ def test_robots_that_are_never_there_together(
 ) -> None:
     (said,) = told(tmp_path, caplog, {}, late=1000.0)
     assert "at no time are anna, bert all there; check their clocks" in said
+
+
+def test_a_robot_without_commands_is_said_to_be_never_there(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    (said,) = told(tmp_path, caplog, {"v": np.nan})
+    assert "anna is never there: at no time are its pose and its command both known" in said

@@ -65,19 +65,24 @@ def test_values_of_a_task_that_goes_on() -> None:
     assert made.clipped.max() < 0.05
 
 
-def test_a_robot_that_is_cut_has_no_end() -> None:
-    """The values are those of `test_values_of_a_task_that_goes_on`, though one robot is cut."""
+def cut_early(n_episodes: int) -> MemoryDataset:
+    """`chain`, but a robot is cut before its team."""
     alive = np.array([[True, True], [True, True], [True, False], [False, False]])
     cuts, seen = alive[:-1] & ~alive[1:], alive.copy()
     seen[1:] |= cuts
-    dataset = MemoryDataset([
+    return MemoryDataset([
         replace(
             each, alive=alive, agent_terminations=np.zeros_like(cuts), agent_truncations=cuts,
             observations=each.observations * seen[..., None], rewards=each.rewards * alive[:-1],
             actions=each.actions * alive[:-1, :, None],
         )
-        for each in chain(100, ends=False)
+        for each in chain(n_episodes, ends=False)
     ])  # fmt: skip
+
+
+def test_a_robot_that_is_cut_has_no_end() -> None:
+    """The values are those of `test_values_of_a_task_that_goes_on`, though one robot is cut."""
+    dataset = cut_early(100)
     from_0 = np.array(ACTIONS) * (1 + 2 * 0.5) / (1 - 0.25)
     made = fit(dataset)
     np.testing.assert_allclose(made.values[:, 0, ::2].mean(1), from_0, rtol=0.05)
@@ -220,6 +225,18 @@ def test_the_imitation_error_is_the_loss_of_cloning() -> None:
     dataset = chain(5, ends=True)
     found = imitation_error(asked(dataset, OTHERS))
     np.testing.assert_allclose(found, errors(dataset).mean(1), rtol=1e-5)
+
+
+def test_the_imitation_error_is_of_robots_that_act() -> None:
+    """In the state in which a robot was cut, its answer was compared to an action of 0."""
+    dataset = cut_early(5)
+    acted = np.concatenate([each.alive[:-1] for each in dataset if each.alive is not None])
+    recorded = dataset.transitions["actions"][acted]
+    expected = [np.square(action - recorded).mean() for action in OTHERS]
+    split = asked(dataset, OTHERS)
+    np.testing.assert_allclose(imitation_error(split), expected, rtol=1e-5)
+    alike = replace(split, data=replace(split.data, returns=torch.ones_like(split.data.returns)))
+    np.testing.assert_allclose(weighted_imitation_error(alike), expected, rtol=1e-5)
 
 
 def test_what_went_well_weighs_more() -> None:
