@@ -28,6 +28,7 @@ from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT, group_f
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
+from swarmdata.runtime.own_components import own_codes
 from swarmdata.specs.frozen import Frozen, describe_differences
 
 Count = Annotated[int, Field(ge=1)]
@@ -178,10 +179,14 @@ def kept_path(folder: Path, update: int) -> Path:
     return folder / KEPT / f"{update}.safetensors"
 
 
-def versions(*, is_compiled: bool = False) -> dict[str, str]:
-    """Versions of what the bits of a run depend on; torch.compile's kernels round differently."""
+def versions(*, is_compiled: bool = False, **used: str) -> dict[str, str]:
+    """Versions of what the bits of a run depend on; torch.compile's kernels round differently.
+
+    `used`: components that may be of users, as `own_codes` takes them.
+    """
     compiler = {"inductor": torch.__version__} if is_compiled else {}
-    return compiler | {
+    others = compiler | own_codes(**used)
+    return others | {
         "swarmdata": __version__,
         "torch": torch.__version__,
         "numpy": np.__version__,

@@ -12,6 +12,7 @@ from pydantic import Field
 
 from swarmdata import __version__
 from swarmdata.errors import SpecError
+from swarmdata.evaluation.runs.provenance import code_version
 from swarmdata.evaluation.study.cells.study_data import (
     changed_rewards,
     dataset_of_size,
@@ -256,6 +257,7 @@ def offline_cell(
         seeds=study.seeds,
         n_episodes=study.episodes,
         block=study.block,
+        code_version=code_version(algorithms=variant.algorithm),
         curve_every=every,
         curve_episodes=curves.episodes if curves else 64,
         device=study.device,
@@ -316,6 +318,9 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
         digest="",
         observation=view.observation,
         communication=view.communication,
+        code_version=code_version(
+            online_algorithms=baseline.algorithm, tasks=find_spec(baseline.task).task
+        ),
         seeds=study.seeds,
         **shared,
     )
