@@ -100,6 +100,7 @@ def describe_run(
     **options: int,
 ) -> OnlineRun:
     """Returns the run of an algorithm with one of its configs; arguments as of `OnlineRun`."""
+    task = spec.whole if isinstance(spec, SideSpec) else spec
     return OnlineRun.parse(
         {
             "algorithm": algorithm,
@@ -109,7 +110,7 @@ def describe_run(
             "seeds": list(seeds),
             "start": None if start is None else start.source,
             "recorded": recorded,
-            "versions": versions(),
+            "versions": versions(online_algorithms=algorithm, tasks=task.task),
             **options,
         },
         algorithm,

@@ -74,19 +74,25 @@ class FunctionPolicy:
 
     def act(self, step: Step) -> Float:
         """Returns the function's actions, [E, N, A]."""
-        means = self._means(step)
+        means = self._means(step.observations)
         self._last.keep(step, means)
         return means.astype(np.float32)
+
+    def actions(self, observations: Float) -> Float:
+        """Returns the function's actions, [E, N, A], for observations [E, N, O]."""
+        return self._means(observations).astype(np.float32)
 
     def log_probs(self, step: Step, actions: Float) -> Float:
         """Returns 0 for the function's own actions, -inf for others, [E, N]."""
         means = self._last.recall(step)  # right after `act`: the function need not run again
-        return noisy_log_probs(self._means(step) if means is None else means, actions, 0.0)
+        if means is None:
+            means = self._means(step.observations)
+        return noisy_log_probs(means, actions, 0.0)
 
-    def _means(self, step: Step) -> Double:
+    def _means(self, observations: Float) -> Double:
         """Returns the function's actions as policies act, rounded to float32, [E, N, A]."""
-        n_copies, n_agents = step.observations.shape[:2]
-        seen = step.observations
+        n_copies, n_agents = observations.shape[:2]
+        seen = observations
         if self._frame is not None:
             seen = self._frame.inputs(seen)
         actions = np.asarray(self._function(seen), dtype=np.float64)
@@ -104,7 +110,7 @@ class FunctionPolicy:
         if self._scale is not None:
             actions = self._scale.relative(actions)
         inside = actions if self._chooses else actions.clip(-1.0, 1.0)
-        turned = in_world(self._frame, step.observations, inside)
+        turned = in_world(self._frame, observations, inside)
         return turned.astype(np.float32).astype(np.float64)
 
 

@@ -141,6 +141,15 @@ def code_of(group: str, name: str) -> str | None:
     return digest.hexdigest()
 
 
+def own_codes(**used: str) -> dict[str, str]:
+    """The hash of the code of each of users' components, of those used.
+
+    `used`: names by group, such as `tasks="coop_nav"`.
+    """
+    found = {name: code_of(group, name) for group, name in used.items()}
+    return {f"code of {name}": code for name, code in found.items() if code is not None}
+
+
 def _package_of(group: str, name: str) -> str | None:
     component = components(group).get(name)
     place = component if component is None or isinstance(component, str) else _place_of(component)

@@ -32,6 +32,7 @@ def test_it_is_a_policy_that_acts_as_the_function_says() -> None:
     policy, step = FunctionPolicy(drive), first_step()
     actions = policy.act(step)
     assert np.array_equal(actions, np.sin(3 * step.observations[..., :2]).astype(np.float32))
+    assert np.array_equal(policy.actions(step.observations), actions), "of recorded states, too"
     assert not policy.log_probs(step, actions).any()  # it is sure of what it does
     assert np.isneginf(policy.log_probs(step, np.float32(0.5) * actions)).all()
 

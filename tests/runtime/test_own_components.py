@@ -13,7 +13,12 @@ from swarmdata.behavior_policies.simple import Idle
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, POLICIES, make_policy, resolve
 from swarmdata.runtime import own_components
-from swarmdata.runtime.own_components import GROUPS, REGISTERED_VARIABLE, components
+from swarmdata.runtime.own_components import (
+    GROUPS,
+    REGISTERED_VARIABLE,
+    components,
+    own_codes,
+)
 from swarmdata.specs.task_spec import TaskSpec
 
 
@@ -117,3 +122,15 @@ def test_conflicts_of_entry_points_are_named(
     importlib.invalidate_caches()
     with pytest.raises(SpecError, match=message):
         components("policies")
+
+
+def test_changed_code_of_users_has_another_hash(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "swiftly.py").write_text("class Swift: ...\n")
+    swarmdata.register_policy("swift", "swiftly:Swift")
+    first = own_codes(policies="swift", tasks="tag")
+    assert list(first) == ["code of swift"]
+    (tmp_path / "swiftly.py").write_text("class Swift: speed = 2\n")
+    assert own_codes(policies="swift", tasks="tag") != first

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from swarmdata.errors import SpecError, SwarmdataError, UnknownNameError
 from swarmdata.evaluation.runs.named_policies import find_opponents, open_run, tier_of_side
-from swarmdata.evaluation.runs.provenance import Provenance
+from swarmdata.evaluation.runs.provenance import Provenance, code_version
 from swarmdata.hub.catalog.catalog import find_folder
 from swarmdata.interfaces import Policy
 from swarmdata.learn.deployment.onnx_policy import OnnxPolicy
@@ -28,7 +28,7 @@ from swarmdata.registry.tiers import TIERS, TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.rollouts.side_policy import play_sides
 from swarmdata.runtime.outside_names import is_folder, looks_like_path
-from swarmdata.runtime.own_components import defined_elsewhere
+from swarmdata.runtime.own_components import code_of, defined_elsewhere
 from swarmdata.specs.model_choice import Ranges, Source, check_senses, chosen_models, with_models
 from swarmdata.specs.origins import Origin, SideSpec, task_of
 from swarmdata.specs.recipe import PolicySource, who_acts
@@ -125,6 +125,16 @@ def find_target(
         chosen_models, observation=observation, communication=communication, backend=backend,
         randomization=randomization,
     )  # fmt: skip
+    found = _find(name, task, choose, side, opponents)
+    version = code_version(tasks=found.spec.task)
+    dated = (each.model_copy(update={"code_version": version}) for each in found.provenances)
+    return replace(found, provenances=tuple(dated))
+
+
+def _find(
+    name: str, task: str | None, choose: Choose, side: str | None, opponents: str | None
+) -> Target:
+    """Finds a target as `find_target` does, which then dates it."""
     if (run := find_run(name)) is not None:
         return _run_target(open_run(run), side, opponents, task, choose)
     if (data := find_dataset(name)) is not None:
@@ -227,7 +237,15 @@ def _recorded_target(
     spec = _evaluation_spec(name, task_of(origin, "acting again"), choose, is_fixed=is_fixed)
     teams = _independent(origin.policies)
     policies = tuple(make_source_policy(source, spec, folder) for source in teams)
-    return Target(spec, policies, _numbered(name, [origin.hash()] * len(policies)))
+    return Target(spec, policies, _numbered(name, [_recorded(origin, each) for each in teams]))
+
+
+def _recorded(origin: Origin, team: PolicySource) -> str:
+    """The hash of a recipe, and of the code of users' policies in a team."""
+    codes = [code for each in team.acting if (code := code_of("policies", each.name))]
+    if not codes:
+        return origin.hash()
+    return hashlib.sha256("".join([origin.hash(), *codes]).encode()).hexdigest()
 
 
 def _side_run_target(
@@ -261,7 +279,7 @@ def _registered_target(
     name: str, spec: TaskSpec, side: str | None, opponents: str | None
 ) -> Target:
     """A registered policy, of the whole team or on one side."""
-    provenances = (Provenance(label=name),)
+    provenances = (Provenance(label=name, content=code_of("policies", name)),)
     if side is None and opponents is None:
         return Target(spec, (make_policy(name, spec),), provenances)
     seat = _seat(name, spec, side, opponents)

@@ -57,7 +57,10 @@ def _stale_datasets(results: Sequence[Result]) -> Iterator[str]:
 
 
 def _mixed(results: Sequence[Result]) -> Iterator[str]:
-    yield from _differing(results, "measured by version", lambda each: each.provenance.code_version)
+    yield from _differing(results, "measured by version", lambda each: _version(each)[0])
+    for task, group in _groups(results, lambda each: each.spec.task).items():
+        code = "measured by code of its package with hash"
+        yield from _differing(group, f"in {task}: {code}", lambda each: _version(each)[2])
     yield from _differing(
         [each for each in results if each.spec.world is not None], "measured on", _episodes
     )
@@ -72,6 +75,11 @@ def _mixed(results: Sequence[Result]) -> Iterator[str]:
             yield from _differing(group, f"on {dataset}: measured in", _world)
     for (label, *_), group in _groups(results, _row).items():
         yield from _mixed_label(label, group)
+
+
+def _version(result: Result) -> tuple[str, str, str]:
+    """The version of this package, and after + the hash of the code of a user's task."""
+    return result.provenance.code_version.partition("+")
 
 
 def _row(result: Result) -> tuple[str, str | None]:

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, Field
 
 from swarmdata import __version__
 from swarmdata.runtime.documents import parse_json
+from swarmdata.runtime.own_components import own_codes
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.plain_names import Sha256, checked_label
 
@@ -64,6 +65,16 @@ def dataset_key(dataset: str | None, view: str | None) -> str | None:
     if models.keys() == {"side"}:
         return f"{dataset}@{models['side']}"
     return _with_hash(dataset, json.dumps(models, sort_keys=True, separators=(",", ":")))
+
+
+def code_version(**used: str) -> str:
+    """This package's version, and after + a hash of the code of users' components, of those used.
+
+    `used` is as `own_codes` takes it.
+    """
+    if not (codes := own_codes(**used)):
+        return __version__
+    return f"{__version__}+{hashlib.sha256(json.dumps(codes).encode()).hexdigest()[:12]}"
 
 
 def file_name(provenance: Provenance, spec_hash: str) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 from swarmdata.errors import BuildError
 from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
 from swarmdata.interfaces import Policy
-from swarmdata.learn.training.run_files import CONFIG, run_folders
+from swarmdata.learn.training.run_files import CONFIG, group_folder, run_folders
 from swarmdata.runtime.engines.jobs import Job
 from swarmdata.runtime.engines.open_engine import LOCAL
 from swarmdata.runtime.output_folder import check_marked
@@ -73,11 +73,6 @@ def groups_of(seeds: Sequence[int], engine: str | Executor, workers: int) -> lis
     """Returns which seeds train together: a group for each worker of `local`, or each seed."""
     n_groups = workers if engine == LOCAL else len(seeds)
     return [tuple(map(int, group)) for group in np.array_split(seeds, n_groups) if len(group)]
-
-
-def group_folder(out: Path, group: Group) -> Path:
-    """Where a group of seeds is trained."""
-    return out / f"seeds-{'-'.join(map(str, group))}"
 
 
 def check_folders(out: Path, folders: Sequence[Path]) -> None:

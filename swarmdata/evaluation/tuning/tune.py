@@ -13,7 +13,7 @@ import numpy as np
 
 from swarmdata import __version__
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import ResultsError, SpecError
+from swarmdata.errors import ResultsError, SpecError, StaleCellError
 from swarmdata.evaluation.policy_selection.rank import rank
 from swarmdata.evaluation.policy_selection.ranking_record import Ranking
 from swarmdata.evaluation.results.result_set import group_results, reference_of
@@ -24,7 +24,14 @@ from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import open_dataset, short_name
 from swarmdata.evaluation.study.pages.collect_results import results_of
 from swarmdata.evaluation.study.plan import Study
-from swarmdata.evaluation.tuning.tuning_record import CELLS, ESTIMATES, TUNING, Trial, Tuning
+from swarmdata.evaluation.tuning.tuning_record import (
+    CELLS,
+    ESTIMATES,
+    RECORD,
+    TUNING,
+    Trial,
+    Tuning,
+)
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.evaluation.fqe import FQEConfig
 from swarmdata.learn.evaluation.transitions import Actor
@@ -109,7 +116,8 @@ def tune(
         SchemaError: the algorithm declares no search space.
         SpecError: a number is out of its range, or a setting has the wrong type.
         OutputError: `out` has files that no tuning wrote.
-        StaleCellError: `out` has trainings of another configuration, and `again` is false.
+        StaleCellError: `out` has trainings of another configuration, or a tuning on other data, and
+            `again` is false.
         ResultsError: all trials failed, scores in several tasks have no common unit, or neither
             rule could choose.
         BatchError: estimates failed; the same call goes on.
@@ -123,10 +131,10 @@ def tune(
         datasets=[portable_name(each) for each in dataset_ids], seeds=n_seeds, episodes=n_episodes,
     )  # fmt: skip
     cells, unit = _cells(study, n_steps, progress=progress)
+    _check_data(cells[0], work, again=again)
     options: dict[str, Any] = {"engine": engine, "workers": workers, "progress": progress}
     every = [cell for of_trial in cells for cell in of_trial]
-    if not every[0].n_episodes:
-        _try_first(cells[0], work, again=again, **options)
+    _try_first(cells[0], work, again=again, **options)
     failures = run_cells(every, work, again=again, **options)
     done = [cell for cell in every if cell.name not in failures]
     silent = why_without(done, work) if done else None
@@ -137,8 +145,23 @@ def tune(
     return made
 
 
+def _check_data(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
+    """Refuses a tuning on other data, whose trainings have names of their own beside the first."""
+    if again or not (work / RECORD).exists():
+        return
+    known = Tuning.from_file(work / RECORD).datasets
+    if known != {cell.data: cell.digest for cell in cells}:
+        names = (", ".join(each) for each in (known, (cell.data for cell in cells)))
+        raise StaleCellError(
+            "{} has a tuning on {}, not {}: another digest, number of joint steps or dataset. Pass "
+            "--again to replace its tables, or name another folder.".format(work, *names)
+        )
+
+
 def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
     """Trains the first trial on data without a simulator; raises where estimates cannot choose."""
+    if cells[0].n_episodes:
+        return
     why_not = why_without_data(cells)
     if why_not is None:
         run_cells(cells, work, **options)

@@ -23,6 +23,8 @@ TUNING = OutputKind("tuning")
 
 CELLS = "cells"  # the folder of trainings and their results, beside what is written from them
 
+RECORD = "tuning.json"  # the trials, from which all else is written
+
 Rule = Literal["validation", "offline"]
 
 RULES: dict[Rule, str] = {"validation": "validation episodes", "offline": "offline estimates"}
@@ -107,7 +109,7 @@ class Tuning(Frozen):
             MissingExtraError: matplotlib is not installed.
         """
         with filled(folder, TUNING, besides=CELLS) as written:
-            (written / "tuning.json").write_text(f"{self.to_json()}\n", encoding="utf-8")
+            (written / RECORD).write_text(f"{self.to_json()}\n", encoding="utf-8")
             (written / "tuning.md").write_text(self.to_markdown(), encoding="utf-8")
             (written / "trials.csv").write_text(self.to_csv(), encoding="utf-8")
             if self.n_episodes:

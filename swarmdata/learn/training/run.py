@@ -24,10 +24,11 @@ from tqdm import tqdm
 from swarmdata import __version__
 from swarmdata.errors import CheckpointError, DivergedError
 from swarmdata.learn.training.checkpoint import load_checkpoint, part, save_checkpoint
-from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT, group_folder, run_folders
 from swarmdata.runtime.atomic import disk_full_explained, write_file
 from swarmdata.runtime.locking import locked
 from swarmdata.runtime.output_folder import check_marked
+from swarmdata.runtime.own_components import own_codes
 from swarmdata.specs.frozen import Frozen, describe_differences
 
 Count = Annotated[int, Field(ge=1)]
@@ -143,11 +144,13 @@ def claimed(folder: Path, description: D, *, shown: bool) -> Iterator[Run[D]]:
 
     Raises:
         OutputError: the folder has files and holds no run.
+        CheckpointError: it holds another run, or is a share of the seeds of another run.
     """
     file = folder / CONFIG
     with locked(file, shown):
         check_marked(folder, CONFIG, "run folder")
         if not file.exists():
+            _check_group(folder, description)
             write_file(file, description.to_json().encode())
         elif different := describe_differences(type(description).from_file(file), description):
             raise CheckpointError(
@@ -157,15 +160,33 @@ def claimed(folder: Path, description: D, *, shown: bool) -> Iterator[Run[D]]:
         yield Run(folder, description)
 
 
+def _check_group(folder: Path, description: Description) -> None:
+    """Checks that a folder of some seeds will differ from those of others in the seeds only."""
+    if folder != group_folder(folder.parent, description.seeds):
+        return
+    for other in run_folders(folder.parent):
+        there = type(description).from_file(other / CONFIG)
+        here = description.model_copy(update={"seeds": there.seeds})
+        if different := describe_differences(there, here):
+            raise CheckpointError(
+                f"{other} holds other seeds of the run that {folder} is to belong to, and differs "
+                f"in: {different}. Give all parts the same settings, or choose another folder."
+            )
+
+
 def kept_path(folder: Path, update: int) -> Path:
     """The checkpoint that a run has kept of an update."""
     return folder / KEPT / f"{update}.safetensors"
 
 
-def versions(*, is_compiled: bool = False) -> dict[str, str]:
-    """Versions of what the bits of a run depend on; torch.compile's kernels round differently."""
+def versions(*, is_compiled: bool = False, **used: str) -> dict[str, str]:
+    """Versions of what the bits of a run depend on; torch.compile's kernels round differently.
+
+    `used`: components that may be of users, as `own_codes` takes them.
+    """
     compiler = {"inductor": torch.__version__} if is_compiled else {}
-    return compiler | {
+    others = compiler | own_codes(**used)
+    return others | {
         "swarmdata": __version__,
         "torch": torch.__version__,
         "numpy": np.__version__,

@@ -57,6 +57,11 @@ def run_folders(folder: Path) -> tuple[Path, ...]:
     return tuple(file.parent for file in files)
 
 
+def group_folder(out: Path, seeds: Sequence[int]) -> Path:
+    """Where one of several processes trains its share of the seeds of a run."""
+    return out / f"seeds-{'-'.join(map(str, seeds))}"
+
+
 def find_run(name: str | Path) -> Path | None:
     """Finds a training run by its folder, or as `zoo:ALGORITHM/DATASET`; None: that is no run."""
     if str(name).startswith(ZOO):

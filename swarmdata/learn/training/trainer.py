@@ -117,7 +117,7 @@ def train_seeds(
     description = _describe(
         dataset, samplers[0], config, schedule, algorithm=algorithm, min_return=min_return,
         frame=frame, seeds=tuple(seeds), device=str(device),
-        versions=versions(is_compiled=compile),
+        versions=versions(is_compiled=compile, algorithms=algorithm),
     )  # fmt: skip
     context = compiling() if compile else nullcontext()
     with claimed(Path(folder), description, shown=progress) as run:

@@ -67,7 +67,8 @@ def test_the_table_counts_what_was_reached_and_what_it_cost(runs: Path, tmp_path
 
 def test_runs_of_different_tasks_are_not_one_training(tmp_path: Path) -> None:
     train(tmp_path / "seeds-0", (0,))
-    train(tmp_path / "seeds-1", (1,), horizon=21)
+    (tmp_path / "other").mkdir()  # beside seeds-0, it would be refused
+    train(tmp_path / "other" / "seeds-1", (1,), horizon=21).rename(tmp_path / "seeds-1")
     with pytest.raises(SchemaError, match="runs of 2 different tasks"):
         read_training(tmp_path)
 

@@ -4,8 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from swarmdata.evaluation.results.target_evaluation import measure_references, reference_teams
+import swarmdata
+from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.results.target_evaluation import (
+    evaluate_target,
+    measure_references,
+    reference_teams,
+)
 from swarmdata.registry.presets import preset
+from swarmdata.runtime import own_components
+from swarmdata.runtime.own_components import GROUPS, REGISTERED_VARIABLE
 
 SHARED = {"idle", "random", "straight", "scripted", "scripted-alone", "scripted-naive"}
 NAIVE = {"pursuit-greedy", "pursuit-lead-1", "pursuit-lead-3", "pursuit-lead-mixed"}
@@ -25,3 +33,34 @@ def test_a_task_is_measured_with_the_teams_that_it_has(tmp_path: Path) -> None:
     found = measure_references(str(file), 2, progress=False)
     assert set(found.policies) == SHARED
     assert set(found.gaps) == {"scripted-alone", "scripted-naive"}
+
+
+def test_results_of_a_policy_or_task_whose_code_changed_are_measured_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(own_components, "_here", {group: {} for group in GROUPS})
+    monkeypatch.setenv(REGISTERED_VARIABLE, "{}")
+    monkeypatch.syspath_prepend(tmp_path)
+    policy, task = tmp_path / "own_idle.py", tmp_path / "own_task.py"
+    policy.write_text("from swarmdata.behavior_policies.simple import Idle\n")
+    task.write_text(
+        "from typing import Literal\n"
+        "from swarmdata.envs.coop_nav.coop_nav import CoopNav\n"
+        "from swarmdata.envs.coop_nav.navigation_rules import NavigationRules\n"
+        "class Rules(NavigationRules):\n    task: Literal['own_nav'] = 'own_nav'\n"
+        "class OwnNav(CoopNav):\n    Rules = Rules\n"
+    )
+    swarmdata.register_policy("own_idle", "own_idle:Idle")
+    swarmdata.register_task("own_nav", "own_task:OwnNav")
+    spec = tmp_path / "spec.yaml"
+    spec.write_text("rules: {task: own_nav}\nhorizon: 3\n")
+
+    def is_kept() -> bool:
+        target = find_target("own_idle", str(spec))
+        (result,) = evaluate_target(target, 1, tmp_path / "out", progress=False)
+        return result.path is not None
+
+    assert [is_kept(), is_kept()] == [False, True]
+    for file in (policy, task):
+        file.write_text(f"{file.read_text()}# changed\n")
+        assert [is_kept(), is_kept()] == [False, True]

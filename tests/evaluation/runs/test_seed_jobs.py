@@ -1,5 +1,6 @@
 """Seeds in several processes: the same policies as together, in any order, twice, and at once."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,9 @@ pytest.importorskip("torch", reason="runs need the torch extra")
 from swarmdata.errors import BuildError, CheckpointError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import evaluate_target
-from swarmdata.evaluation.runs.seed_jobs import group_folder, groups_of
+from swarmdata.evaluation.runs.seed_jobs import groups_of
 from swarmdata.evaluation.runs.train import train
-from swarmdata.learn.training.run_files import read_table, run_folders
+from swarmdata.learn.training.run_files import group_folder, read_table, run_folders
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.at_once import run_at_once
@@ -105,7 +106,12 @@ def test_seeds_are_not_grouped_twice(together: Path, dataset: Path, tmp_path: Pa
 
 def test_runs_of_different_trainings_are_no_run(dataset: Path, tmp_path: Path) -> None:
     train_in(tmp_path / "bc", dataset, part=(1, 3))
-    train_in(tmp_path / "bc", dataset, part=(2, 3), changes={**SETTINGS, "n_updates": "2"})
+    other: dict[str, Any] = {"part": (2, 3), "changes": {**SETTINGS, "n_updates": "2"}}
+    with pytest.raises(CheckpointError, match=r"seeds-0 holds .* config.n_updates is 4, not 2\."):
+        train_in(tmp_path / "bc", dataset, **other)  # before it trains
+    assert [each.name for each in run_folders(tmp_path / "bc")] == ["seeds-0"]
+    train_in(tmp_path / "other", dataset, **other)
+    shutil.copytree(tmp_path / "other", tmp_path / "bc", dirs_exist_ok=True)
     with pytest.raises(CheckpointError, match="are of different trainings"):
         find_target(str(tmp_path / "bc"))
 

@@ -252,9 +252,10 @@ def test_seeds_are_jobs_and_their_failures_are_told(task: Path, tmp_path: Path) 
     alone = last_policy(tmp_path / "alone", 2).act(step)
     np.testing.assert_array_equal(last_policy(out, 2).act(step), alone)
     shutil.rmtree(out / "seeds-2")
-    with pytest.raises(BuildError, match="1 of 2 groups of seeds failed: seeds-0 of run") as told:
+    with pytest.raises(BuildError, match="2 of 2 groups of seeds failed: seeds-0 of run") as told:
         train(hidden="16")
     assert "holds another run, which differs in: config" in str(told.value)
+    assert "seeds-0 holds other seeds of the run that" in str(told.value), "seeds-2 is not begun"
     with pytest.raises(BuildError, match="was trained with other groups of seeds"):
         train_online("mappo", str(task), out, seeds=(0, 2), changes=changes)
 

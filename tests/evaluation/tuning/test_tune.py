@@ -268,6 +268,8 @@ def test_mistakes_are_refused_before_any_training(
     out = shutil.copytree(tuned.out, tmp_path / "c")
     with pytest.raises(StaleCellError, match="n_episodes is 4"):
         small_tune(out, n_seeds=2, n_episodes=5)
+    with pytest.raises(StaleCellError, match=r"on coop_nav-tiny-v0, not coop_nav-tiny-v0-20: "):
+        small_tune(out, n_seeds=2, n_steps=20)
 
 
 @pytest.mark.slow

@@ -12,10 +12,12 @@ from pydantic import Field
 
 from swarmdata import __version__
 from swarmdata.errors import SpecError
+from swarmdata.evaluation.runs.provenance import code_version
 from swarmdata.evaluation.study.cells.study_data import (
     changed_rewards,
     dataset_of_size,
     joint_digest,
+    recorded_task,
     short_count,
     short_name,
 )
@@ -24,7 +26,9 @@ from swarmdata.learn.training.run_files import CONFIG, last_policy_path, run_fol
 from swarmdata.learn.training.settings import as_texts, check_effects, override, unmet_needs
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.registry.presets import find_spec
 from swarmdata.specs.frozen import Frozen, describe_differences
+from swarmdata.specs.model_choice import with_models
 
 CELL_FILE = "cell.json"  # the cell, written first; a folder of another cell is refused
 DATA_FILE = "data.json"  # what the episodes of its dataset achieved
@@ -131,6 +135,8 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
         UnknownNameError: no such algorithm, setting, reward weight or set of them.
     """
     _check_settings(study)
+    _check_datasets(study, digest_of)
+    _check_views(study)
     found = [
         offline_cell(study, label, dataset, digest_of, side=side)
         for dataset, side, label in itertools.product(
@@ -164,6 +170,42 @@ def cells_of(study: Study, digest_of: Callable[[str], str]) -> list[Cell]:
     return list(cells.values())
 
 
+def _check_datasets(study: Study, digest_of: Callable[[str], str]) -> None:
+    """Refuses two names of the same data, whose results tables could not tell apart."""
+    names: dict[str, str] = {}
+    for name in study.datasets:
+        if same := names.get(digest := _digest(study, name, digest_of)):
+            raise SpecError(
+                f"datasets has {same} and {name}, which hold the same data; leave one of them out"
+            )
+        names[digest] = name
+
+
+def _check_views(study: Study) -> None:
+    """Refuses unknown models, and two views that are the same for a dataset or an online task."""
+    plan = study.information
+    if plan is None:
+        return
+    sources = {k: min(study.mixtures.get(k, (k,))) for k in plan.datasets}
+    tasks = {k: recorded_task(source, "other views") for k, source in sources.items()}
+    for label in plan.online:
+        tasks[label] = find_spec(str(study.online[label].task))
+    for name, task in tasks.items():
+        labels: dict[str, str] = {}
+        for label, view in plan.views.items():
+            same = labels.setdefault(with_models(task, *view.models).hash(), label)
+            if same != label:
+                raise SpecError(
+                    f"information.views: {label} is for {name} the same as {same}; leave one out"
+                )
+
+
+def _digest(study: Study, dataset: str, digest_of: Callable[[str], str]) -> str:
+    """The digest of a dataset of the study, or of a mixture's parts with their weights."""
+    parts = study.mixtures.get(dataset)
+    return joint_digest(map(digest_of, parts), parts.values()) if parts else digest_of(dataset)
+
+
 def _check_settings(study: Study) -> None:
     """Refuses settings for all rows that no row has, or that change nothing in any row."""
     configs = [_config_of(study, variant) for variant in study.algorithms.values()]
@@ -190,22 +232,21 @@ def offline_cell(
     side: str | None = None,
 ) -> Cell:
     """The cell of a variant on a dataset, on its first joint steps, re-observed, or on a side."""
-    variant, parts = study.algorithms[label], study.mixtures.get(dataset, {})
+    variant = study.algorithms[label]
     config, curves, every = config_of(study, variant), study.curves, None
     if curves and (not curves.datasets or dataset in curves.datasets):
         every = max(1, config["n_updates"] // curves.points)
-    data = short_name(dataset) + ("" if n_steps is None else f"-{short_count(n_steps)}")
-    data += "" if side is None else f"-{side}"
+    parts = (short_name(dataset), None if n_steps is None else short_count(n_steps), side)
     return Cell(
         kind="offline",
         label=label,
-        data=_seen_in(data, view),
+        data=_seen_in("-".join(filter(None, parts)), view),
         family=variant.family,
         algorithm=variant.algorithm,
         config=config,
         source=dataset,
-        parts=parts,
-        digest=joint_digest(map(digest_of, parts), parts.values()) if parts else digest_of(dataset),
+        parts=study.mixtures.get(dataset, {}),
+        digest=_digest(study, dataset, digest_of),
         n_steps=n_steps,
         observation=view.observation,
         communication=view.communication,
@@ -216,6 +257,7 @@ def offline_cell(
         seeds=study.seeds,
         n_episodes=study.episodes,
         block=study.block,
+        code_version=code_version(algorithms=variant.algorithm),
         curve_every=every,
         curve_episodes=curves.episodes if curves else 64,
         device=study.device,
@@ -276,6 +318,9 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
         digest="",
         observation=view.observation,
         communication=view.communication,
+        code_version=code_version(
+            online_algorithms=baseline.algorithm, tasks=find_spec(baseline.task).task
+        ),
         seeds=study.seeds,
         **shared,
     )

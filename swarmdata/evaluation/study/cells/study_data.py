@@ -25,6 +25,7 @@ from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import SideSpec, check_installed, task_of
 from swarmdata.specs.recipe import Splits
 from swarmdata.specs.rules import RewardChoice, changed_weights, chosen_weights
+from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.publication import figures_of
 
 
@@ -143,8 +144,7 @@ def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
     Raises:
         UnknownNameError: no such weight or set.
     """
-    recipe = find_recipe(dataset) if is_dataset(dataset) else load(dataset).recipe
-    rules = task_of(recipe, "learning from other rewards").rules
+    rules = recorded_task(dataset, "learning from other rewards").rules
     changed = changed_weights(rules.rewards, chosen_weights(choice, rules))
     found = {name: value for name, value in changed if value != getattr(rules.rewards, name)}
     if not found:
@@ -153,6 +153,12 @@ def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
             "leave them out to learn from the recorded rewards."
         )
     return found
+
+
+def recorded_task(dataset: str, what: str) -> TaskSpec:
+    """Returns the task of a dataset, for `what`; raises SpecError where it has no simulator."""
+    recipe = find_recipe(dataset) if is_dataset(dataset) else load(dataset).recipe
+    return task_of(recipe, what)
 
 
 def open_dataset(

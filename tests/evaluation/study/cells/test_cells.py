@@ -21,7 +21,7 @@ from tests.evaluation.study.conftest import BC, MADDPG, Make
 
 
 def cells(study: Study) -> dict[str, Cell]:
-    return {cell.name: cell for cell in cells_of(study, lambda dataset: "d" * 64)}
+    return {cell.name: cell for cell in cells_of(study, lambda name: f"digest of {name}")}
 
 
 def configs(make_study: Make, algorithms: Any, **changes: Any) -> list[dict[str, Any]]:
@@ -128,6 +128,31 @@ def test_two_cells_of_one_name_are_refused(make_study: Make, tmp_path: Path) -> 
     folders = [str(tmp_path / part / "same") for part in "ab"]
     with pytest.raises(SpecError, match="two different cells are called bc/same"):
         cells(make_study(datasets=folders))
+
+
+def test_data_of_two_names_are_refused(make_study: Make) -> None:
+    names = ["coop_nav-medium", "coop_nav-expert", "coop_nav-medium-v1"]
+    with pytest.raises(SpecError, match="coop_nav-medium and coop_nav-medium-v1, which hold the"):
+        cells_of(make_study(datasets=names), digest_of)
+    mixtures = {"a": dict.fromkeys(names[:2], 1), "b": dict.fromkeys(names[:2], 2)}
+    with pytest.raises(SpecError, match="a and b, which hold the same data"):
+        cells_of(make_study(datasets=["a", "b"], mixtures=mixtures), digest_of)
+
+
+@pytest.mark.parametrize(
+    ("view", "message"),
+    [
+        ({"observation": "stat"}, "Did you mean 'state'"),
+        ({"communication": "none"}, "view is for coop_nav-medium the same as recorded"),
+    ],
+)
+def test_views_that_do_not_fit_are_refused_before_anything_runs(
+    make_study: Make, view: dict[str, str], message: str
+) -> None:
+    views = {"recorded": {}, "view": view}
+    plan = {"datasets": ["coop_nav-medium"], "algorithms": ["bc"], "views": views}
+    with pytest.raises(SwarmdataError, match=message):
+        cells(make_study(datasets=["coop_nav-medium"], information=plan))
 
 
 def test_unknown_names_are_told(make_study: Make) -> None:
