@@ -51,6 +51,15 @@ def test_loading() -> None:
     assert f'`verify="none"` takes {ours["none"]:.3f} s' in TEXT
 
 
+def test_stacked_seeds() -> None:
+    stacked = [row for row in rows("offline-training") if row["run"] == "ours, 5 seeds stacked"]
+    for algorithm in ("bc", "maddpg_bc"):
+        ratios = [first(r["/ plain loop"]) for r in stacked if r["algorithm"] == f"`{algorithm}`"]
+        row = re.search(rf"\| `{algorithm}`, 5 seeds stacked, [^|]+\|[^|]+\| ([\d./ ]+) \|", TEXT)
+        assert row
+        assert row[1] == " / ".join(map(shown, ratios))
+
+
 def test_the_limit() -> None:
     late = [(row["work"], first(row["ours / limit"])) for row in rows("near-the-limit")]
     copies = [(work, share) for work, share in late if "64 copies" in work]
