@@ -1,7 +1,7 @@
 """Describes an edited dataset by its parents and policies, and writes its folder."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -82,24 +82,39 @@ def _check_episodes(views: Sequence[Dataset]) -> None:
             f"no episode of {', '.join(empty)} meets the conditions; their team returns are "
             f"{returns.min():.6g} to {returns.max():.6g}. Widen the conditions."
         )
-    seeds = np.concatenate(episode_seeds(views))
-    order = np.argsort(seeds, kind="stable")
-    same = np.flatnonzero(seeds[order][1:] == seeds[order][:-1])
-    if len(same):
+    seeds = np.concatenate(episode_seeds(views)).tolist()
+    sources = [source for view in views for source in _sources(view)]
+    if same := _repeated(seeds) or _repeated(sources):
         owners = [(view.id, number) for view in views for number in view.selection.tolist()]
-        (one, k), (other, j) = owners[order[same[0]]], owners[order[same[0] + 1]]
+        (one, k), (other, j) = owners[same[0][0]], owners[same[0][1]]
         raise SchemaError(
-            f"episode {k} of {one} and episode {j} of {other} have the same seed "
-            f"{seeds[order[same[0]]]}, {len(same)} pairs in all: an episode may be in a dataset "
-            "once, or it could be in train and test. Leave one of each out with `filter`. If they "
-            "come from different logs or files, whose seeds only number the episodes, combine the "
-            "imported datasets in one call, before any other edit."
+            f"episode {k} of {one} and episode {j} of {other} have the same seed or parent, "
+            f"{len(same)} pairs in all: an episode may be in a dataset once, or it could be in "
+            "train and test. Leave one of each out with `filter`. If they come from different logs "
+            "or files, whose seeds only number the episodes, combine the imported datasets in one "
+            "call, before any other edit."
         )
     if not any((view.episodes.split == SPLITS.index("train")).any() for view in views):
         raise BuildError(
             "none of the episodes is in the train split, which normalization statistics come from. "
             "To look at held-out episodes, use a view: dataset.split('test')."
         )
+
+
+def _sources(view: Dataset) -> list[tuple[str, int]]:
+    """The digest and the number of each episode in the dataset that it is from, or was taken of."""
+    origin, numbers = view.recipe, view.selection.tolist()
+    if not isinstance(origin, Edit):
+        return [(view.digest, number) for number in numbers]
+    taken = [(parent.digest, number) for parent in origin.parents for number in parent.episodes]
+    return [taken[number] for number in numbers]
+
+
+def _repeated(keys: Sequence[Hashable]) -> list[tuple[int, int]]:
+    """Pairs of places with the same key: its first, and another."""
+    first: dict[Hashable, int] = {}
+    places = ((first.setdefault(key, k), k) for k, key in enumerate(keys))
+    return [pair for pair in places if pair[0] != pair[1]]
 
 
 def episode_seeds(views: Sequence[Dataset]) -> list[Seeds]:

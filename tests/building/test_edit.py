@@ -189,7 +189,7 @@ def test_combine_refuses_an_episode_twice(source: Dataset, tmp_path: Path) -> No
     fourth = int(np.flatnonzero(source.episodes.split == 0)[4])
     seed = int(source.episodes.seeds[fourth])
     views = [source.filter(policy="tag-0"), source]
-    with pytest.raises(SchemaError, match=r"have the same seed \d+, \d+ pairs in all"):
+    with pytest.raises(SchemaError, match=r"have the same seed or parent, \d+ pairs in all"):
         combine_datasets(views, tmp_path / "out", id="coop_nav-both-v0")
     apart = [
         filter_dataset(source, tmp_path / "one", id="coop_nav-one-v0", seeds=[seed]),
@@ -377,6 +377,7 @@ def test_imported_logs_are_combined_and_keep_their_episodes_apart(tmp_path: Path
     assert isinstance(both.recipe, Edit)
     assert rebuild_edit(both.recipe, days, tmp_path / "again").digest == both.digest
     whole = combine_datasets([both, days[2]], tmp_path / "whole", id="hall-whole-v0")
-    for twice in ([days[0], days[0]], [both, days[1][3:]], [whole, days[0]]):
+    part = filter_dataset(days[0], tmp_path / "part", id="hall-part-v0")
+    for twice in ([days[0], days[0]], [both, days[1][3:]], [whole, days[0]], [both, part]):
         with pytest.raises(SchemaError, match="have the same seed"):
             combine_datasets(twice, tmp_path / "out", id="hall-twice-v0")
