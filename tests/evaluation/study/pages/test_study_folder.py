@@ -149,14 +149,16 @@ def test_pages_are_made_again_from_the_folder_alone(finished: StudyOptions, tmp_
 
 @pytest.mark.slow
 def test_what_failed_is_told_and_nothing_at_all_is_an_error(
-    make_study: Make, data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    make_study: Make,
+    data: Path,
+    other_data: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    other = tmp_path / "other-v0"
-    shutil.copytree(data, other)
-    study = make_study(datasets=[str(data), str(other)], algorithms={"bc": BC})
-    options = options_in(tmp_path, only="bc/coop*")
+    study = make_study(datasets=[str(data), str(other_data)], algorithms={"bc": BC})
+    options = options_in(tmp_path, only="bc/*tiny*")
     _, files = run_study(study, options, "x")
-    assert "| bc/other-v0 | not run yet |" in files[0].read_text()
+    assert "| bc/coop_nav-other-v0 | not run yet |" in files[0].read_text()
     monkeypatch.setattr(cell_worker, "_evaluate", _run_out_of_space)
     study = make_study(algorithms={"bc": BC})
     empty = replace(options_in(tmp_path), work=tmp_path / "empty")
