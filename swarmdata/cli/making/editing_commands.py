@@ -81,8 +81,8 @@ def subsample_command(
         typer.Option(metavar="ID_OR_PATH", help="dataset whose distribution of returns to match"),
     ] = None,
     bins: Annotated[
-        int, typer.Option(min=1, help="with --like: number of bins of the return")
-    ] = 20,
+        int | None, typer.Option(min=1, help="with --like: bins of the return; default: 20")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="seed of the random choice")] = 0,
 ) -> None:
     """Make a smaller dataset by size or by return.
@@ -99,6 +99,6 @@ def subsample_command(
     made = subsample_dataset(
         load(source), out, id=new_id, tier=tier, n_steps=steps,
         min_return=min_return, max_return=max_return,
-        like=None if like is None else load(like), bins=None if like is None else bins, seed=seed,
+        like=None if like is None else load(like), bins=bins, seed=seed,
     )  # fmt: skip
     typer.echo(summary_of(made))
