@@ -102,7 +102,7 @@ def _check_episodes(views: Sequence[Dataset]) -> None:
 
 
 def _sources(view: Dataset) -> list[tuple[str, int]]:
-    """The digest and the number of each episode in the dataset that it is from, or was taken of."""
+    """The dataset that each episode was taken from, by its digest, and the number of it there."""
     origin, numbers = view.recipe, view.selection.tolist()
     if not isinstance(origin, Edit):
         return [(view.digest, number) for number in numbers]
@@ -121,16 +121,16 @@ def episode_seeds(views: Sequence[Dataset]) -> list[Seeds]:
     """The seeds that the episodes of each view get in the dataset of them all, [n] each.
 
     They stay what they are, unless all views were imported from different files, whose seeds only
-    number the episodes, and have numbers in common: then hashes of the files and the number. Where
-    a view has such hashes of another's episodes, they were combined before: the other gets them,
-    too, so that no seed differs.
+    number the episodes, and have numbers in common: then hashes of the files and the number. The
+    same if this gives an episode a seed of another view, which then contains it already.
     """
     seeds = [view.episodes.seeds for view in views]
     files = [_numbered_files(view.recipe) for view in views]
     pairs = list(zip(files, seeds, strict=True))
     hashes = [_hashes(names, numbers) if names else numbers for names, numbers in pairs]
     apart = all(files) and len(frozenset[str]().union(*files)) == sum(map(len, files))
-    return hashes if (apart and _clash(seeds)) or _clash(hashes) else seeds
+    repeats = [_repeated(np.concatenate(each).tolist()) for each in (seeds, hashes)]
+    return hashes if (apart and repeats[0]) or repeats[1] else seeds
 
 
 def _numbered_files(origin: Origin) -> frozenset[str]:
@@ -145,11 +145,6 @@ def _numbered_files(origin: Origin) -> frozenset[str]:
 def _hashes(files: frozenset[str], numbers: Seeds) -> Seeds:
     digest = hashlib.sha256("".join(sorted(files)).encode()).digest()
     return derive(int.from_bytes(digest[:8]), numbers) % np.uint64(EVALUATION_BASE)
-
-
-def _clash(seeds: Sequence[Seeds]) -> bool:
-    joined = np.concatenate(seeds)
-    return len(np.unique(joined)) < len(joined)
 
 
 def merge_policies(

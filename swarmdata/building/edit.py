@@ -142,8 +142,8 @@ def subsample_dataset(
         seed: of the choice, 0 to 2**64 - 1.
 
     Raises:
-        SchemaError: nothing was asked for, more steps than there are, or something that is not
-            what it should be.
+        SchemaError: nothing was asked for, more steps than there are, or an argument has a wrong
+            type or range.
         BuildError: no episode is left, or none to train on, or returns cannot be matched; or `out`
             holds something else.
     """

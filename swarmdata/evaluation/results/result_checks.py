@@ -59,7 +59,7 @@ def _stale_datasets(results: Sequence[Result]) -> Iterator[str]:
 def _mixed(results: Sequence[Result]) -> Iterator[str]:
     yield from _differing(results, "measured by version", lambda each: _version(each)[0])
     for task, group in _groups(results, lambda each: each.spec.task).items():
-        code = "measured by code of its package with hash"
+        code = "measured with its code at hash"
         yield from _differing(group, f"in {task}: {code}", lambda each: _version(each)[2])
     yield from _differing(
         [each for each in results if each.spec.world is not None], "measured on", _episodes

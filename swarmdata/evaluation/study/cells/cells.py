@@ -186,7 +186,7 @@ def _check_views(study: Study) -> None:
     plan = study.information
     if plan is None:
         return
-    sources = {k: min(study.mixtures.get(k, (k,))) for k in plan.datasets}
+    sources = {k: next(iter(study.mixtures.get(k, (k,)))) for k in plan.datasets}
     tasks = {k: recorded_task(source, "other views") for k, source in sources.items()}
     for label in plan.online:
         tasks[label] = find_spec(str(study.online[label].task))
