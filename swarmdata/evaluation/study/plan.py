@@ -184,6 +184,7 @@ class Study(Frozen):
     datasets: Annotated[Names, Field(min_length=1)]  # ids, folders or names of mixtures
     mixtures: dict[Label, Parts] = Field(default_factory=dict)
     """Datasets that rows of batches are drawn from in proportion to weights, by name."""
+    core: Names = ()  # of the datasets: rows that are on all of these are also compared apart
     algorithms: Annotated[dict[Label, Variant], Field(min_length=1), BeforeValidator(_by_label)]
     """Rows of the tables, by label."""
     seeds: Annotated[Seeds, BeforeValidator(_first_seeds)] = (0, 1, 2, 3, 4)
@@ -223,6 +224,7 @@ class Study(Frozen):
         ]  # fmt: skip
         parts += [(f"sweeps.{k}", (v.dataset,), ()) for k, v in self.sweeps.items()]
         parts += [("curves", self.curves.datasets, ())] if self.curves else []
+        parts += [("core", self.core, ())]
         parts += [(f"algorithms.{k}", v.datasets, ()) for k, v in self.algorithms.items()]
         for where, datasets, labels in parts:
             _check_known(f"{where}.datasets", datasets, self.datasets)
@@ -247,6 +249,16 @@ class Study(Frozen):
         return self
 
     @model_validator(mode="after")
+    def _core_has_rows(self) -> Self:
+        rows = [label for label in self.algorithms if all(self.has(label, d) for d in self.core)]
+        if self.core and (len(self.core) < 2 or len(rows) < 2):
+            raise ValueError(
+                "core needs at least two datasets, and two rows that are on all of them; got "
+                f"{len(self.core)} and {len(rows)}"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _mixtures_are_trained_on_as_they_are(self) -> Self:
         _check_known("mixtures", self.mixtures, self.datasets)
         for name in self.mixtures:
@@ -262,7 +274,7 @@ class Study(Frozen):
 
     @model_validator(mode="after")
     def _sides_learn_on_the_grid_alone(self) -> Self:
-        others = ("mixtures", "curves", "online", "sizes", "information", "tasks", "sweeps")
+        others = ("core", "mixtures", "curves", "online", "sizes", "information", "tasks", "sweeps")
         if self.sides and (found := [name for name in others if getattr(self, name)]):
             raise ValueError(
                 f"sides cannot be combined with {', '.join(found)}; give those a study of their own"

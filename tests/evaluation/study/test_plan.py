@@ -95,6 +95,16 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
             {"tasks": {"datasets": [], "algorithms": ["sets"], "tasks": ["coop_nav-n8"]}},
             r"tasks\.algorithms has 'sets'",
         ),
+        ({"core": ["x"]}, "core.datasets has 'x'"),
+        ({"datasets": ["a", "b"], "core": ["a"]}, "core needs at least two datasets.*got 1 and 2"),
+        (
+            {
+                "datasets": ["a", "b"],
+                "core": ["a", "b"],
+                "algorithms": {"bc": {}, "iql": {"datasets": ["a"]}},
+            },
+            "core needs at least two datasets.*got 2 and 1",
+        ),
         ({"mixtures": {"m": {"a": 3, "b": 1}}}, "mixtures has 'm', which the study lacks"),
         ({"mixtures": {"m": {"a": 3}}, "datasets": ["m"]}, "mixtures.m"),
         ({"mixtures": {"m": {"a": 3, "b": 0}}, "datasets": ["m"]}, "mixtures.m.b"),

@@ -103,7 +103,7 @@ def make_scoreboard(results: ResultSet, families: Mapping[str, str], key: str) -
     return Scoreboard(quantity.column, values, data, families)
 
 
-LEAST_COVERAGE = 1 / 3  # of the datasets of a study, on which a row has to be to get a column
+LEAST_COVERAGE = 1 / 2  # of the datasets of a study, on which a row has to be to get a column
 
 FRAMES = "framed: the best of a dataset and those not clearly worse (paired); dot: not run"
 

@@ -24,6 +24,7 @@ from tests.support.measured import csv_rows
 
 pytestmark = pytest.mark.usefixtures("here")
 
+GOALS = Path(__file__).parents[4] / "cards/studies/goals"
 WHOLE = {"algorithms": {"bc": BC, "maddpg": MADDPG}, "curves": {"points": 2, "episodes": 2}}
 
 
@@ -79,6 +80,24 @@ def test_everything_is_written_and_again_the_same(study: Study, finished: StudyO
     _check_tables(finished.out.parent)
     public = without_places(study.model_dump(mode="json"))
     assert Study.from_file(finished.out / "study.yaml") == Study.parse(public)
+
+
+def test_the_core_has_aggregates_of_its_datasets_alone(tmp_path: Path) -> None:
+    """The mean over the core is that of the means of its datasets, of the rows that are on all."""
+    folder = Path(shutil.copytree(GOALS, tmp_path / "goals"))
+    core = ["coop_nav-medium-replay", "coop_nav-medium"]
+    changed = Study.from_file(folder / "study.yaml").model_copy(update={"core": tuple(core)})
+    (folder / "study.yaml").write_text(changed.to_yaml())
+    page = rewrite_pages(folder)[0].read_text().partition("## The core: 2 rows on 2 datasets")[2]
+    assert {"core.png", "core.pdf"} <= {file.name for file in folder.iterdir()}
+    for label in ("bc", "maddpg_bc"):
+        means = [
+            float(row["mean"])
+            for row in rows(folder / "estimates.csv")
+            if (row["label"], row["quantity"]) == (label, "score")
+            and row["dataset"].removesuffix("-v1") in core
+        ]
+        assert f"| {label} | 5 | {np.mean(means):.1f} [" in page
 
 
 @pytest.mark.slow
