@@ -15,6 +15,7 @@ MARK = re.compile(r"([+−-]?\d[\d.]*)(?: ± (\d[\d.]*))?\**<!--(\S+?)-->")
 
 KEYS = {
     "estimates": ("label", "dataset", "quantity"),
+    "core": ("label", "minus"),
     "differences": ("one", "other", "dataset", "quantity"),
     "views": ("dataset", "view", "label", "quantity"),
     "tasks": ("dataset", "policy", "used_with", "metric"),

@@ -144,6 +144,16 @@ def plot_board(
         plot_matrix(turned, labels, columns, path, notes)
 
 
+def plot_beside_data(board: Scoreboard, path: Path) -> None:
+    """Draws a quantity of all rows on all datasets, colored by the difference to the data."""
+    means = {
+        name: dict.fromkeys(each, board.shown_data[without_version(name)])
+        for name, each in board.estimates.items()
+    }
+    scale = f"{board.column.label} minus the mean of the data"
+    plot_board(board, path, means, scale, has_side=True)
+
+
 def _datasets(board: Scoreboard) -> dict[str, list[str]]:
     """Names without versions by task, those with the worst data first."""
     groups: dict[str, list[str]] = {}

@@ -4,7 +4,6 @@ import math
 import shutil
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
@@ -15,11 +14,7 @@ from swarmdata.evaluation.figures.dot_plot import (
     fits_on_a_screen,
     plot_by_dataset,
 )
-from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.estimate_table import to_csv
-from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
-from swarmdata.evaluation.results.result_set import ResultSet
-from swarmdata.evaluation.results.result_tables import aggregate_table
 from swarmdata.evaluation.robustness.sweep_tables import Degradation
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
@@ -36,8 +31,9 @@ from swarmdata.evaluation.study.pages.row_differences import (
     differences_sections,
     distance_table,
 )
-from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
-from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, plot_board
+from swarmdata.evaluation.study.pages.safety import safety_sections
+from swarmdata.evaluation.study.pages.score_aggregates import aggregate_sections, core_rows
+from swarmdata.evaluation.study.pages.scoreboard import plot_beside_data
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_rows,
     cost_table,
@@ -160,6 +156,7 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
         tables: dict[str, Sequence[Mapping[str, object]]] = {
             ESTIMATES_FILE: estimate_rows(found),
             "differences.csv": difference_rows(found),
+            "core.csv": core_rows(found),
             "views.csv": view_rows(found),
         }
         for name, rows in tables.items():
@@ -180,8 +177,7 @@ def _made(found: Findings, out: Path, command: str, sweeps: Mapping[str, Degrada
         ("Online algorithms", online),
         ("Comparison with the data", f"{DATA_CAPTION}\n\n{distance_table(found)}"),
         *safety_sections(found, out).items(),
-        *_overall(found, out).items(),
-        *_core(found, out).items(),
+        *aggregate_sections(found, out).items(),
         *differences_sections(found, out),
         *size_section(found, out).items(),
         *information_section(found, out).items(),
@@ -263,59 +259,12 @@ def _scores(found: Findings, out: Path) -> str:
             families=board.families, shares_axis=is_score,
         )  # fmt: skip
     else:
-        _plot_beside_data(board, out / "scores.png")
+        plot_beside_data(board, out / "scores.png")
     return (
         f"{scale} Bold: the best algorithm of a dataset, and those whose difference to it, paired "
         f"by episode, is not clearly below 0.\n\n{scoreboard_table(board)}\n"
         f"![{board.column.label} by dataset](scores.png)\n"
     )
-
-
-def _plot_beside_data(board: Scoreboard, file: Path) -> None:
-    means = {
-        name: dict.fromkeys(each, board.shown_data[without_version(name)])
-        for name, each in board.estimates.items()
-    }
-    scale = f"{board.column.label} minus the mean of the data"
-    plot_board(board, file, means, scale, has_side=True)
-
-
-def _overall(found: Findings, out: Path) -> dict[str, str]:
-    body = _aggregates(found.results, out / "differences.png")
-    if not body:
-        return {}
-    plot_score_profiles(comparable_scores(found.results).tables, found.looks, out / "profiles.png")
-    return {"Aggregates over datasets": f"{body}\n![share of runs above a score](profiles.png)\n"}
-
-
-def _core(found: Findings, out: Path) -> dict[str, str]:
-    """The rows that are on all datasets of the core, on these alone."""
-    ids = {found.dataset_ids.get(short_name(name)) for name in found.study.core}
-    cases = tuple(case for case in found.results.cases if case.name in ids)
-    results = replace(found.results, cases=cases)
-    body = _aggregates(results, out / "core-differences.png")
-    if not body:
-        return {}
-    on_all = comparable_scores(results).tables
-    families = {label: family for label, family in found.families.items() if label in on_all}
-    _plot_beside_data(make_scoreboard(results, families, "score"), out / "core.png")
-    title = f"The core: {len(on_all)} rows on {len(cases)} datasets"
-    return {title: f"![score by dataset](core.png)\n\n{body}"}
-
-
-def _aggregates(results: ResultSet, figure: Path) -> str:
-    """Aggregates of the rows that are on all datasets; empty if those or these are fewer than two.
-
-    Their differences are drawn to a file.
-    """
-    tables = comparable_scores(results).tables
-    if len(tables) < 2 or len(results.cases) < 2:
-        return ""
-    body = aggregate_table(results).to_markdown()
-    if 2 < len(tables) <= MAX_ALGORITHMS_IN_MATRIX:  # of two, the table has the one difference
-        plot_differences(tables, figure)
-        body += f"\n![paired differences of scores]({figure.name})\n"
-    return body
 
 
 def page_with(made: str, file: Path, title: str) -> str:

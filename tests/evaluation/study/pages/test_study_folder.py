@@ -90,6 +90,7 @@ def test_the_core_has_aggregates_of_its_datasets_alone(tmp_path: Path) -> None:
     (folder / "study.yaml").write_text(changed.to_yaml())
     page = rewrite_pages(folder)[0].read_text().partition("## The core: 2 rows on 2 datasets")[2]
     assert {"core.png", "core.pdf"} <= {file.name for file in folder.iterdir()}
+    core_means: dict[str, float] = {}
     for label in ("bc", "maddpg_bc"):
         means = [
             float(row["mean"])
@@ -98,6 +99,11 @@ def test_the_core_has_aggregates_of_its_datasets_alone(tmp_path: Path) -> None:
             and row["dataset"].removesuffix("-v1") in core
         ]
         assert f"| {label} | 5 | {np.mean(means):.1f} [" in page
+        core_means[label] = float(np.mean(means))
+    table = {(row["label"], row["minus"]): float(row["mean"]) for row in rows(folder / "core.csv")}
+    assert table["bc", ""] == pytest.approx(core_means["bc"])
+    difference = core_means["bc"] - core_means["maddpg_bc"]
+    assert table["bc", "maddpg_bc"] == pytest.approx(difference) == -table["maddpg_bc", "bc"]
 
 
 @pytest.mark.slow
