@@ -251,11 +251,14 @@ def mix(parts: Sequence[View[Any]], weights: Sequence[float] | None = None) -> M
             that all transitions are equally likely.
 
     Raises:
-        SchemaError: the datasets were recorded with different specs, or there are none.
+        SchemaError: the datasets were recorded with different specs, there are none, or one has no
+            episodes.
         SpecError: there is not one positive weight for each dataset, or the ids are too long.
     """
     if not parts:
         raise SchemaError("there are no datasets to mix, expected at least one")
+    if empty := [part.id for part in parts if not len(part)]:
+        raise SchemaError(f"{', '.join(empty)} has no episodes to mix; widen its filter")
     first = parts[0]
     for other in parts[1:]:
         if other.spec != first.spec:

@@ -252,5 +252,7 @@ def test_wrong_mixtures_are_refused(parts: tuple[Dataset, Dataset], tmp_path: Pa
             mix(parts, weights)
     with pytest.raises(SchemaError, match="there are no datasets"):
         mix([])
+    with pytest.raises(SchemaError, match="coop_nav-tiny-v0 has no episodes to mix"):
+        mix([parts[0].filter(min_return=1e9), parts[1]], [1, 1])
     with pytest.raises(SpecError, match="expected at most 96"):
         mix([parts[0]] * 6)
