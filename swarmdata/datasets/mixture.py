@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from swarmdata.datasets.normalization import Moments
 from swarmdata.datasets.sampling import BatchStream, RowSampler
 from swarmdata.datasets.views import Choice, TrainingData, View
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.interfaces import VecEnv
 from swarmdata.numerics.random import derive, uniform
 from swarmdata.registry.published import Reference
@@ -125,8 +125,20 @@ class Mixture(TrainingData["MixtureSampler"]):
     def read(self, *names: str) -> Iterator[tuple[NDArray[Any], ...]]:
         return chain.from_iterable(part.read(*names) for part in self.parts)
 
+    def side(self, name: str) -> "Mixture":
+        """The same mixture with the agents of one side alone; raises as `Dataset.side` does."""
+        return replace(self, parts=tuple(part.side(name) for part in self.parts))
+
     def _chosen(self, choice: Choice) -> "Mixture":
-        found = [part._chosen(choice) for part in self.parts]
+        found, unknown = [], []
+        for part in self.parts:
+            try:
+                found.append(part._chosen(choice))
+            except UnknownNameError as error:  # such as a policy of the other parts
+                unknown.append(error)
+                found.append(part[:0])
+        if len(unknown) == len(self.parts):
+            raise unknown[0]
         kept = [(p, w) for p, w in zip(found, self.weights, strict=True) if len(p)]
         if not kept:
             returns = np.concatenate([part.episodes.team_return for part in self.parts])
@@ -160,6 +172,11 @@ class MixtureSampler(BatchStream):
         self._bounds = np.cumsum(weights)[:-1]
         self._starts = np.cumsum([0, *(each.n_rows for each in samplers)])
         self._agents_leave = any(each.agents_leave for each in samplers)
+        self._lacking = {  # fields that a part has not recorded
+            field
+            for field, array in (("log_probs", "log_probs"), ("costs", "events"))
+            if not all(each.width(array) for each in samplers)
+        }
         # of each part, in the mixture
         self._first_episodes = np.cumsum([0, *(each.n_episodes for each in samplers)])
         self._dtypes = {  # of one part images may be bytes, and of another float32
@@ -195,7 +212,7 @@ class MixtureSampler(BatchStream):
         values: dict[str, Any] = {}
         for field in fields(Batch):
             found = [getattr(batch, field.name) for batch in batches]
-            if any(each is None for each in found):
+            if field.name in self._lacking or any(each is None for each in found):
                 values[field.name] = None
                 continue
             dtype = self._dtypes.get(field.name, found[0].dtype)
@@ -234,11 +251,14 @@ def mix(parts: Sequence[View[Any]], weights: Sequence[float] | None = None) -> M
             that all transitions are equally likely.
 
     Raises:
-        SchemaError: the datasets were recorded with different specs, or there are none.
+        SchemaError: the datasets were recorded with different specs, there are none, or one has no
+            episodes.
         SpecError: there is not one positive weight for each dataset, or the ids are too long.
     """
     if not parts:
         raise SchemaError("there are no datasets to mix, expected at least one")
+    if empty := [part.id for part in parts if not len(part)]:
+        raise SchemaError(f"{', '.join(empty)} has no episodes to mix; widen its filter")
     first = parts[0]
     for other in parts[1:]:
         if other.spec != first.spec:

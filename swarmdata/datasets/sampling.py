@@ -235,6 +235,10 @@ class RowSampler(BatchStream):
         """The dtype of an array."""
 
     @abstractmethod
+    def width(self, name: str) -> int:
+        """The size of an array's last axis; 0: it was not recorded."""
+
+    @abstractmethod
     def pick(self, places: Double, n_before: int) -> Int:
         """Returns the rows at places in [0, 1) among the transitions that can be drawn, any shape.
 
@@ -332,6 +336,9 @@ class Sampler(RowSampler):
 
     def dtype(self, name: str) -> np.dtype[Any]:
         return self._arrays[name].dtype
+
+    def width(self, name: str) -> int:
+        return self._arrays[name].shape[-1]
 
     def pick(self, places: Double, n_before: int = 0) -> Int:
         return take_at(self.rows.valid, places)

@@ -237,6 +237,17 @@ class View(TrainingData[R]):
             return self._side
         return self.recipe.spec if self._observed is None else self._observed
 
+    def side(self, name: str) -> Self:
+        """The agents of one side alone, only of a dataset on this machine: see `Dataset.side`.
+
+        Raises:
+            SchemaError: the dataset is streamed.
+        """
+        raise SchemaError(
+            f"{self!r} is streamed, which gives the rows of all sides, expected a dataset on this "
+            f"machine to take the side {name!r} of. Load it without stream=True."
+        )
+
     @property
     def _side(self) -> SideSpec | None:
         """The side whose rows these are, None for the rows of all agents."""

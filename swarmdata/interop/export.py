@@ -11,7 +11,7 @@ from swarmdata.errors import ConversionError, check_type
 from swarmdata.interop.conversion.user_choices import absolute_path
 from swarmdata.interop.formats import find_format
 from swarmdata.rollouts.function_policy import frame_of
-from swarmdata.runtime.atomic import remove_leftovers, staged
+from swarmdata.runtime.atomic import staged
 from swarmdata.runtime.mapped_pages import MappedReads
 from swarmdata.store.arrays.scratch_arrays import new_arrays
 
@@ -45,7 +45,6 @@ def export_dataset(
     """
     check_type("the dataset", dataset, Dataset, "a Dataset", "Of a mixture, convert its parts.")
     path, found = absolute_path(path), find_format(format)
-    remove_leftovers(path.parent, path.name)
     if path.exists():
         raise ConversionError(f"{path} exists already. Choose another path, or move it away.")
     if not len(dataset):

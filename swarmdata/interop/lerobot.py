@@ -8,7 +8,9 @@ splits are ranges. A frame is a step, so the observation after the last action i
 
 import json
 from collections.abc import Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +42,8 @@ FILE_BYTES = 100 << 20
 
 CHUNK_FILES = 1000  # files in a folder, as LeRobot has
 
+GROUP_EPISODES = 64  # rows of the table of episodes that are in memory together
+
 KEPT_NAMES = {
     "observations": "observation.state, without the last",
     "states": "observation.environment_state, without the last",
@@ -59,14 +63,13 @@ _EPISODES_FILE = "meta/episodes/chunk-000/file-000.parquet"
 
 def write(dataset: Dataset, path: Path, frame: str) -> None:
     """Writes a view as one LeRobot dataset."""
-    library, fps = arrow(), _fps(dataset)
+    fps = _fps(dataset)
     order = np.argsort(dataset.episodes.split, kind="stable")
     dataset = replace(dataset, selection=dataset.selection[order])
     (path / _EPISODES_FILE).parent.mkdir(parents=True)
-    rows = _write_frames(dataset, path, fps)
-    library.parquet.write_table(library.Table.from_pylist(rows), path / _EPISODES_FILE)
+    stats = _write_episodes(_write_frames(dataset, path, fps), path / _EPISODES_FILE)
     _write_tasks(path / "meta/tasks.parquet", dataset.spec.task)
-    for name, content in (("info", _info(dataset, fps)), ("stats", _total(rows))):
+    for name, content in (("info", _info(dataset, fps)), ("stats", stats)):
         text = json.dumps(content, indent=4)
         (path / f"meta/{name}.json").write_text(text, encoding="utf-8")
     write_note(dataset, path / "meta", frame)
@@ -94,9 +97,26 @@ def _files(dataset: Dataset) -> Iterator[Dataset]:
         yield replace(dataset, selection=dataset.selection[numbers == number])
 
 
-def _write_frames(dataset: Dataset, path: Path, fps: int) -> list[dict[str, Any]]:
-    """Writes the files of frames; returns the rows of the episodes."""
-    library, rows, frame = arrow(), list[dict[str, Any]](), 0
+def _write_episodes(rows: Iterator[dict[str, Any]], file: Path) -> dict[str, dict[str, Any]]:
+    """Writes the table of episodes; returns statistics of all frames, by feature."""
+    library, total = arrow(), list[dict[str, Any]]()
+    with ExitStack() as stack:
+        while some := list(islice(rows, GROUP_EPISODES)):
+            table = library.Table.from_pylist(some)
+            if not total:
+                writer = stack.enter_context(library.parquet.ParquetWriter(file, table.schema))
+            writer.write_table(table)
+            total = [_joined([*total, *some])]
+    found: dict[str, dict[str, Any]] = {}
+    for key, value in total[0].items():
+        _, name, what = key.split("/")
+        found.setdefault(name, {})[what] = value
+    return found
+
+
+def _write_frames(dataset: Dataset, path: Path, fps: int) -> Iterator[dict[str, Any]]:
+    """Writes the files of frames; yields the row of each episode."""
+    library, n_episodes, frame = arrow(), 0, 0
     reads = MappedReads(dataset.stored.arrays.values())
     for number, part in enumerate(_files(dataset)):
         place = {"chunk_index": number // CHUNK_FILES, "file_index": number % CHUNK_FILES}
@@ -105,12 +125,11 @@ def _write_frames(dataset: Dataset, path: Path, fps: int) -> list[dict[str, Any]
         schema = _table(_columns(part, part[0], 0, 0, fps)).schema
         with library.parquet.ParquetWriter(file, schema) as writer:
             for episode in part:
-                columns = _columns(dataset, episode, len(rows), frame, fps)
+                columns = _columns(dataset, episode, n_episodes, frame, fps)
                 writer.write_table(_table(columns))
-                rows.append(_episode_row(dataset.spec.task, place, columns))
-                frame += len(episode)
+                yield _episode_row(dataset.spec.task, place, columns)
+                n_episodes, frame = n_episodes + 1, frame + len(episode)
                 reads.add(episode.observations, episode.states, episode.actions)
-    return rows
 
 
 def _columns(dataset: Dataset, episode: Episode, number: int, frame: int, fps: int) -> Arrays:
@@ -170,25 +189,21 @@ def _episode_row(task: str, place: Mapping[str, int], columns: Arrays) -> dict[s
     return row
 
 
-def _total(rows: list[dict[str, Any]]) -> dict[str, dict[str, list[float]]]:
-    """Statistics of all frames from those of the episodes, by feature."""
+def _joined(rows: list[dict[str, Any]]) -> dict[str, Any]:
+    """The statistics of some rows of episodes as those of one."""
     names = [key.split("/")[1] for key in rows[0] if key.endswith("/count")]
-    counts = np.array([row["length"] for row in rows], np.float64)[:, None]
-    share, found = counts / counts.sum(), {}
+    found: dict[str, Any] = {}
     for name in names:
-        lows, highs, means, stds = (
-            np.array([row[f"stats/{name}/{key}"] for row in rows])
-            for key in ("min", "max", "mean", "std")
+        counts, lows, highs, means, stds = (
+            np.array([row[f"stats/{name}/{key}"] for row in rows], np.float64)
+            for key in ("count", "min", "max", "mean", "std")
         )
+        share = counts / counts.sum()
         mean = (share * means).sum(0)
         spread = (share * (stds * stds + (means - mean) ** 2)).sum(0)
-        found[name] = {
-            "min": lows.min(0).tolist(),
-            "max": highs.max(0).tolist(),
-            "mean": mean.tolist(),
-            "std": np.sqrt(spread).tolist(),
-            "count": [int(counts.sum())],
-        }
+        joined = {"min": lows.min(0), "max": highs.max(0), "mean": mean, "std": np.sqrt(spread)}
+        found |= {f"stats/{name}/{key}": value.tolist() for key, value in joined.items()}
+        found[f"stats/{name}/count"] = [int(counts.sum())]
     return found
 
 

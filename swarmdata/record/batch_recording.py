@@ -1,6 +1,7 @@
 """Records environments whose copies play whole episodes in batches: VMAS, and those in JAX."""
 
 from collections.abc import Callable, Sequence
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -32,25 +33,27 @@ def record_batches(
     n_episodes: int,
     limits: Limits | None,
     play: Callable[[SeedStream], Sequence[Episode]],
-    drawn: Callable[[int], int],
+    drawn: Callable[[set[int]], set[int]] = set,
 ) -> Dataset:
     """Plays batches, by seeds that `play` draws, until there are enough episodes; makes a dataset.
 
-    A recording that was killed at `path` goes on; `drawn` gives the seed that was drawn for an
-    episode, from the episode's own.
+    A recording that was killed at `path` goes on; `drawn` gives the drawn seeds that are done, from
+    the seeds of the episodes that were recorded, which are not recorded again.
     """
     folder = RecordingFolder(Path(path), limits)
     spec = recording.spec
     allowed = limits_of(spec.action_spaces)
     try:
         folder.claim(Session(recording=recording, log_probs=False, masks=False))
-        seeds = SeedStream(recording.seed, {drawn(seed) for seed in folder.seeds()})
+        recorded = folder.seeds()
+        seeds = SeedStream(recording.seed, drawn(recorded))
         with tqdm(
             total=n_episodes, initial=folder.n_episodes, desc=recording.id, unit="episode",
             leave=False, disable=None,
         ) as bar:  # fmt: skip
             while (missing := n_episodes - folder.n_episodes) > 0:
-                for episode in play(seeds)[:missing]:
+                fresh = (each for each in play(seeds) if each.seed not in recorded)
+                for episode in islice(fresh, missing):
                     check_episode(episode)
                     assert episode.alive is not None  # `played_episode` sets it
                     allowed.check(episode.actions, episode.alive[:-1], spec.agent_names)

@@ -109,7 +109,6 @@ def record_jax(
     return record_batches(
         recording, path, n_episodes, limits,
         play=lambda seeds: player.play([seeds.draw() for _ in range(n_copies)]),
-        drawn=lambda seed: seed,
     )  # fmt: skip
 
 

@@ -121,7 +121,8 @@ class Recorder(BaseParallelWrapper):
             is called `agent_0`; do not wrap the recorder again.
         id: id of the dataset, `<task>[-<variant>]-<name>-v<k>`.
         path: folder of the dataset, which must not exist.
-        policies: labels or descriptions of the policies that act, one in each episode.
+        policies: labels or descriptions of the policies that act, one in each episode; the dataset
+            has the episodes of one after the other, in the order of recording.
         task: name of the environment; by default the one in its metadata.
         options: JSON values that the environment was made with, so that others can make it again.
         horizon: most steps of an episode; by default the environment's `max_cycles`, or the

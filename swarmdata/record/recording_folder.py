@@ -64,7 +64,7 @@ class RecordingFolder:
             remove_leftovers(self.folder, SESSION_FILE, _PART_NAME)
         self._unwritten: dict[int, list[Episode]] = {}
         parts = _parts(self.folder)
-        self._next_part = max((number for number, _ in parts), default=-1) + 1
+        self._next_part = max((number for _, number in parts), default=-1) + 1
         is_published = not is_vacant(path)  # then a killed process may have removed half of a part
         tables = [] if is_published else [read_part_table(part) for part in parts.values()]
         self.n_episodes = sum(map(len, tables))  # finished ones, whether they are written or not
@@ -189,7 +189,7 @@ def inspect_recording(path: Path | str) -> RecordingContents:
     session = Session.from_file(folder / SESSION_FILE)
     counts = {source.label: [0, 0] for source in session.recording.policies}
     labels = list(counts)
-    for (_, policy), part in _parts(folder).items():
+    for (policy, _), part in _parts(folder).items():
         table = read_part_table(part)
         counts[labels[policy]][0] += len(table)
         counts[labels[policy]][1] += n_steps_of(table)
@@ -211,24 +211,21 @@ def _dataset_path(path: Path) -> Path:
 
 
 def _parts(folder: Path) -> dict[tuple[int, int], Path]:
-    """Finished parts by (number, policy), in the order of recording."""
+    """Finished parts by (policy, number): those of each policy in the order of recording."""
     found = {}
     for path in folder.glob("part-*"):
         if match := _PART_NAME.fullmatch(path.name):
-            found[int(match[1]), int(match[2])] = path
+            found[int(match[2]), int(match[1])] = path
     return dict(sorted(found.items()))
 
 
 def _assemble(path: Path, session: Session, parts: dict[tuple[int, int], Path]) -> Manifest:
-    """Makes the dataset of the parts, in the order of recording."""
+    """Makes the dataset of the parts, whenever these were written."""
     streams: dict[int, list[Path]] = {}
-    taken: dict[int, int] = {}
-    order = []
-    for (_, policy), folder in parts.items():
+    for (policy, _), folder in parts.items():
         streams.setdefault(policy, []).append(folder)
-        for _ in range(len(read_part_table(folder))):
-            order.append((policy, taken.setdefault(policy, 0)))
-            taken[policy] += 1
+    counts = {n: sum(map(len, map(read_part_table, each))) for n, each in streams.items()}
+    order = [(policy, k) for policy, count in counts.items() for k in range(count)]
     recording = session.recording
     if SPLITS.index("train") not in assign_splits(recording, order):
         splits = recording.splits or Splits()

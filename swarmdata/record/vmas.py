@@ -5,6 +5,7 @@ DARS 2022) steps many copies at once and seeds them together: a copy's episode f
 of the reset and the number of copies. An episode's seed here is `reset seed * copies + copy`.
 """
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -80,9 +81,11 @@ def record_vmas(
     def play(seeds: SeedStream) -> list[Episode]:
         return _play(env, policy, spec, seeds.draw())
 
-    return record_batches(
-        recording, path, n_episodes, limits, play, drawn=lambda seed: seed // int(env.num_envs)
-    )
+    def drawn(recorded: set[int]) -> set[int]:
+        counts = Counter(seed // int(env.num_envs) for seed in recorded)
+        return {seed for seed, n in counts.items() if n == int(env.num_envs)}  # of all copies
+
+    return record_batches(recording, path, n_episodes, limits, play, drawn)
 
 
 def _spec_of(env: Any, task: str | None, options: Mapping[str, Any] | None) -> RecordedSpec:

@@ -77,10 +77,10 @@ class Selection:
         first = self.pieces[0].stored
         for piece in self.pieces[1:]:
             other = piece.stored
-            different = set(first.arrays) ^ set(other.arrays)
-            differing = sorted(different - set(IMPLIED_ARRAYS)) or [
+            one, two = set(first.arrays), set(other.arrays)
+            differing = sorted((one ^ two) - set(IMPLIED_ARRAYS)) or [
                 name
-                for name in set(self.names) - different
+                for name in set(self.names) & one & two
                 if first.arrays[name].shape[1:] != other.arrays[name].shape[1:]
             ]
             if differing:

@@ -316,7 +316,7 @@ def test_teams_that_agents_leave_are_combined_with_whole_ones(
 def test_recordings_with_action_masks_are_combined_with_those_without(tmp_path: Path) -> None:
     """They were refused, although without masks every choice is allowed."""
     both = []
-    for name, mask_in in (("masked", "info"), ("free", None)):
+    for name, mask_in in (("masked", "info"), ("free", None), ("freer", None)):
         path, made = tmp_path / name, f"choosing_v2-{name}-v0"
         with Recorder(Choosing(mask_in), id=made, path=path) as recorder:
             for _ in range(10):
@@ -324,7 +324,7 @@ def test_recordings_with_action_masks_are_combined_with_those_without(tmp_path: 
                 while recorder.agents:
                     recorder.step({a: recorder.action_space(a).sample() for a in recorder.agents})
         both.append(recorder.close())
-    combined = combine_datasets(both[::-1], tmp_path / "both", id="choosing_v2-both-v0")
+    combined = combine_datasets(both[1::-1], tmp_path / "both", id="choosing_v2-both-v0")
     free, masked = combined[0].action_masks, both[0][0].action_masks
     assert free is not None
     assert masked is not None
@@ -332,6 +332,8 @@ def test_recordings_with_action_masks_are_combined_with_those_without(tmp_path: 
     exist[:-1, 0, :3] = True  # the agent with a mask has three choices
     np.testing.assert_array_equal(free, exist)
     np.testing.assert_array_equal(combined[10].action_masks, masked)
+    all_three = combine_datasets(both[::-1], tmp_path / "all", id="choosing_v2-all-v0")
+    np.testing.assert_array_equal(all_three[20].action_masks, masked)  # only the last one has some
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,14 +10,18 @@ import pytest
 from swarmdata.building.edit import combine_datasets
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.datasets.mixture import Mixture, mix
-from swarmdata.errors import SchemaError, SpecError
+from swarmdata.errors import SchemaError, SpecError, UnknownNameError
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.training.training_data import framed
 from swarmdata.perception.frames import find_frame
 from swarmdata.perception.observer import features_of
+from swarmdata.record import Recorder
 from swarmdata.registry.components import make_task
+from swarmdata.registry.presets import preset
+from swarmdata.specs.recipe import PolicySource
 from swarmdata.testing.synthetic import make_episode, make_recipe
+from tests.record.worlds import Counting, steady
 from tests.support.made_episodes import left_early, stored
 from tests.support.tiny import TINY, make_tiny
 
@@ -187,6 +192,46 @@ def test_identity_says_what_was_mixed(mixture: Mixture, parts: tuple[Dataset, Da
     assert len(mixture.digest) == 64
 
 
+def test_what_a_part_did_not_record_is_in_no_batch(tmp_path: Path) -> None:
+    """It was in those batches whose rows all came from the other part."""
+    both = []
+    for name, has_log_probs in (("with", True), ("without", False)):
+        options: dict[str, Any] = {"id": f"counting_v1-{name}-v0", "log_probs": has_log_probs}
+        with Recorder(Counting(), path=tmp_path / name, **options) as recorder:
+            for _ in range(5):
+                recorder.reset()
+                while recorder.agents:
+                    if has_log_probs:
+                        recorder.record_log_probs(dict.fromkeys(recorder.agents, -0.5))
+                    recorder.step({agent: steady(agent, 0) for agent in recorder.agents})
+        both.append(recorder.close())
+    for mixture in (mix(both), load([part.path for part in both], stream=True)):
+        assert mixture.sampler(2).gather(np.array([0, 1])).log_probs is None
+
+
+def test_sides_are_those_of_the_parts(parts: tuple[Dataset, Dataset], tmp_path: Path) -> None:
+    spec = preset("tag").with_updates(horizon=20)
+    team = (PolicySource(label="a", name="random"),)
+    made: dict[str, Any] = {"id": "tag-tiny-v0", "spec": spec, "policies": team, "n_steps": 80}
+    path = make_tiny(tmp_path / "tag", **made)
+    sides = load([path, path], weights=[3, 1]).side("pursuers")
+    assert sides.digest == load([path, path], weights=[3, 1], side="pursuers").digest
+    assert next(sides.sampler(4)).actions.shape == (4, 3, 2)
+    with pytest.raises(SpecError, match="one side"):
+        mix(parts).side("pursuers")
+    with pytest.raises(SchemaError, match="Load it without stream=True"):
+        load([path, path], stream=True).side("pursuers")
+
+
+def test_a_policy_is_of_those_parts_that_know_it(tmp_path: Path, tiny: Path) -> None:
+    team = (PolicySource(label="other", name="random"),)
+    made = make_tiny(tmp_path / "other", id="coop_nav-other-v0", policies=team)
+    both = mix([Dataset.open(tiny), Dataset.open(made)])
+    assert [part.id for part in both.filter(policy="other").parts] == ["coop_nav-other-v0"]
+    with pytest.raises(UnknownNameError, match="nobody"):
+        both.filter(policy="nobody")
+
+
 def test_a_part_without_episodes_is_left_out(mixture: Mixture) -> None:
     best = max(episode.team_return for episode in mixture.parts[0])
     kept = mixture.filter(min_return=best)
@@ -207,5 +252,7 @@ def test_wrong_mixtures_are_refused(parts: tuple[Dataset, Dataset], tmp_path: Pa
             mix(parts, weights)
     with pytest.raises(SchemaError, match="there are no datasets"):
         mix([])
+    with pytest.raises(SchemaError, match="coop_nav-tiny-v0 has no episodes to mix"):
+        mix([parts[0].filter(min_return=1e9), parts[1]], [1, 1])
     with pytest.raises(SpecError, match="expected at most 96"):
         mix([parts[0]] * 6)

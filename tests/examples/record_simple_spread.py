@@ -62,7 +62,7 @@ def record(path: Path, n_episodes: int = 200) -> swarmdata.Dataset:
         },
     )
     with recorder:
-        for k in range(n_episodes):
+        while (k := recorder.n_episodes) < n_episodes:  # those of a run that was killed count
             label = tuple(GAINS)[k % len(GAINS)]
             observations, _ = recorder.reset(policy=label)
             while recorder.agents:

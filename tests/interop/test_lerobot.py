@@ -1,6 +1,7 @@
 """LeRobot datasets: the documented layout, read by pyarrow, pandas and TorchRL's own reader."""
 
 import json
+import tracemalloc
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from swarmdata.errors import ConversionError
 from swarmdata.interop.export import export_dataset
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store import SPLITS
+from tests.interop.conftest import recorded_episodes, write_recording
 from tests.support.tiny import make_tiny
 
 parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet'")
@@ -88,7 +90,10 @@ def test_layout(
     assert (n_files == 1) == (file_bytes > 1 << 20)
 
 
-def test_statistics_are_those_of_all_frames(dataset: Dataset, tmp_path: Path) -> None:
+def test_statistics_are_those_of_all_frames(
+    dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("swarmdata.interop.lerobot.GROUP_EPISODES", 3)
     path = export_dataset(dataset, tmp_path / "out", format="lerobot")
     found, columns = json.loads((path / "meta/stats.json").read_text()), frames_of(path)
     assert set(found) == set(columns)
@@ -99,6 +104,18 @@ def test_statistics_are_those_of_all_frames(dataset: Dataset, tmp_path: Path) ->
             ("min", rows.min(0)), ("max", rows.max(0)), ("mean", rows.mean(0)), ("std", rows.std(0))
         ):  # fmt: skip
             np.testing.assert_allclose(found[name][key], expected, rtol=1e-9, atol=1e-9)
+
+
+def test_memory_does_not_grow_with_the_episodes(tmp_path: Path) -> None:
+    peaks = []
+    for n in (100, 200, 400):  # the first one imports and compiles
+        (tmp_path / str(n)).mkdir()
+        dataset = write_recording(tmp_path / str(n), recorded_episodes([3] * n))
+        tracemalloc.start()
+        export_dataset(dataset, tmp_path / f"out-{n}", format="lerobot")
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    assert peaks[2] < 1.5 * peaks[1]
 
 
 def test_pandas_finds_the_task_by_its_name(dataset: Dataset, tmp_path: Path) -> None:

@@ -245,6 +245,18 @@ def test_each_episode_has_its_policy(tmp_path: Path) -> None:
         assert numbers[:4] == [k % 3 for k in range(index, 8, 2)], "the actions of its episodes"
 
 
+def test_when_episodes_are_written_does_not_show(tmp_path: Path) -> None:
+    digests = set()
+    for limit in (3, 50):
+        options: dict[str, Any] = {"policies": ("a", "b"), "limits": Limits(episodes=limit)}
+        with Recorder(Counting(), id=ID, path=tmp_path / str(limit), **options) as recorder:
+            for k in range(8):
+                recorder.reset(policy="ab"[k % 2])
+                finish(recorder, k)
+        digests.add(recorder.close().digest)
+    assert len(digests) == 1
+
+
 def test_log_probs_are_recorded_if_they_are_given(tmp_path: Path) -> None:
     recorder = Recorder(Counting(), id=ID, path=tmp_path / "ds", log_probs=True)
     for _ in range(10):

@@ -93,7 +93,8 @@ def test_every_copy_is_an_episode_with_its_own_end(tmp_path: Path) -> None:
         np.testing.assert_array_equal(episode.states, np.concatenate(plain, 1))
 
 
-def test_it_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("written", "resets"), [(4, 2), (3, 3)])  # a whole batch, a part of it
+def test_it_goes_on_where_it_was_interrupted(tmp_path: Path, written: int, resets: int) -> None:
     calls = 0
 
     def failing(observations: list[Any]) -> list[Any]:
@@ -105,10 +106,10 @@ def test_it_goes_on_where_it_was_interrupted(tmp_path: Path) -> None:
 
     options: dict[str, Any] = {"id": ID, "path": tmp_path / "ds", "task": "halving"}
     with pytest.raises(KeyboardInterrupt):
-        record_vmas(Halving(), failing, 12, **options, limits=Limits(episodes=4))
+        record_vmas(Halving(), failing, 12, **options, limits=Limits(episodes=written))
     env = Halving()
     dataset = record_vmas(env, act, 12, **options)
-    assert len(env.seeds) == 2, "the first four episodes were kept"
+    assert len(env.seeds) == resets, "the first episodes were kept"
     whole = record_vmas(Halving(), act, 12, id=ID, path=tmp_path / "whole", task="halving")
     assert dataset.digest == whole.digest
     with pytest.raises(BuildError, match="exists"):

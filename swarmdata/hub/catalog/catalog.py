@@ -74,6 +74,7 @@ def load(
     observation: Source | None = None,
     communication: Source | None = None,
     rewards: "RewardChoice | None" = None,
+    side: str | None = None,
     verify: Verify = "fast",
     offline: bool | None = None,
     workers: int | None = None,

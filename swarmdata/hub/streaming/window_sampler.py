@@ -167,6 +167,9 @@ class WindowSampler(RowSampler):
         is_recorded = self._blocks.spec is None or name not in OBSERVED_ARRAYS
         return np.dtype(self._blocks.source.dtype(name) if is_recorded else np.float32)
 
+    def width(self, name: str) -> int:
+        return self._blocks.manifest.arrays[name].shape[-1]
+
     def _n_ahead(self) -> int:
         """Batches that are drawn from one place of the window."""
         left = self._turn_batches - self._n_drawn % self._turn_batches

@@ -137,12 +137,12 @@ class SignalReader:
 
     def _rewards(self, robot: LoggedRobot, reward: RewardSignal) -> Samples:
         rows = _Rows(self._logs, robot, reward, f"reward of {robot.name}")
-        return self._samples(rows, [rows.quantity(reward.column)], is_kept_twice=True)
+        return self._samples(rows, [rows.quantity(reward.column)], is_summed=reward.over == "sum")
 
     def _samples(
-        self, rows: "_Rows", columns: Iterable[NDArray[Any]], *, is_kept_twice: bool = False
+        self, rows: "_Rows", columns: Iterable[NDArray[Any]], *, is_summed: bool = False
     ) -> Samples:
-        """Rows with values by time; of those at the same time the last, or of rewards the sum."""
+        """Rows with values by time; of those at the same time the last, or the sum."""
         values: Double = np.concatenate([np.atleast_2d(each.T).T for each in columns], axis=1)
         times = rows.times()
         if (np.abs(values) > np.finfo(np.float32).max).any():
@@ -155,7 +155,7 @@ class SignalReader:
         times, values = times[order], values[order]
         last = np.append(np.diff(times) > 0, True)[: len(times)]
         self.counts["repeated_rows"] += int((~last).sum())
-        if is_kept_twice and len(times):
+        if is_summed and len(times):
             values = np.add.reduceat(values, np.flatnonzero(np.append(True, last[:-1])))
             return Samples(times[last], values)
         return Samples(times[last], values[last])

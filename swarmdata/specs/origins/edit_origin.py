@@ -27,7 +27,6 @@ class Edit(Frozen):
     missing: ClassVar[None] = None
     recipe: ClassVar[None] = None  # it is made from its parents
     split_rule: ClassVar[None] = None  # every episode keeps the split that it had in its parent
-    has_world_seeds: ClassVar[bool] = True  # as its parents promised
     source_sha256: ClassVar[None] = None  # the parents have digests instead
     remaking: ClassVar[None] = None  # a card lists the parents instead
     license: ClassVar[str] = "unknown"  # that of the parents, which are not at hand
@@ -40,6 +39,11 @@ class Edit(Frozen):
     policies: Policies  # that made its episodes
     parents: Annotated[tuple[Parent, ...], Field(min_length=1)]
     operation: Text  # the command that made it, in words
+
+    @property
+    def has_world_seeds(self) -> bool:
+        """As parents with recipes promise, whose policies are all known."""
+        return all(policy.name != "external" for policy in self.policies)
 
     @property
     def source(self) -> str:

@@ -348,12 +348,15 @@ def test_bags_need_their_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         make(tmp_path, tmp_path / "monday.bag", each=each(log="monday.bag", topic="/pose"))
 
 
-def test_rewards_of_one_time_are_added_up(tmp_path: Path, logs: list[Path]) -> None:
+@pytest.mark.parametrize(("over", "expected"), [("sum", 1.0), ("held", 0.25)])
+def test_rewards_of_one_time_are_added_up_unless_held(
+    tmp_path: Path, logs: list[Path], over: str, expected: float
+) -> None:
     columns = {**drive(60.0), "r": np.full(1200, 0.25)}
     twice = {name: np.repeat(values, 2) for name, values in columns.items()}
-    anna = {**each(), "name": "anna", "reward": {"column": "r"}}
+    anna = {**each(), "name": "anna", "reward": {"column": "r", "over": over}}
     dataset = make(tmp_path, [write_csv(logs[0], twice), logs[1]], robots=[anna, "bert"])
-    assert_array_equal(dataset[1].rewards, np.tile([1.0, 0.0], (20, 1)))
+    assert_array_equal(dataset[1].rewards, np.tile([expected, 0.0], (20, 1)))
     assert "repeated_rows" in notes(dataset)
 
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 import swarmdata
 from swarmdata.audit import audit
+from swarmdata.building.edit import filter_dataset
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.errors import ConversionError, SpecError
 from swarmdata.interop.logs.import_logs import import_logs, remake_logs
@@ -142,6 +143,8 @@ def test_the_same_logs_give_it_again_and_it_is_observed_anew(tmp_path: Path) -> 
     assert view[0].observations.shape[0] == len(dataset[0]) + 1
     assert view[0].sent.shape[2] > 0
     assert "computed from the logged poses" in dataset.card
+    part = filter_dataset(dataset, tmp_path / "part", id="coop_nav-part-v0", split="train")
+    assert audit(part.path, progress=False).problems == ()
 
 
 def test_an_episode_ends_where_the_task_does(tmp_path: Path) -> None:
