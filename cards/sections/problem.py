@@ -47,6 +47,10 @@ def task_section(task: Task) -> str:
         rows.append((role.name, text))
     rows += [row for row in _settings("", spec.rules) if row[0] != "task"]
     rows += _settings("obstacles: ", spec.obstacles)
+    rows += [
+        (f"drawn in each episode: {name.replace('_', ' ')}", plain(span))
+        for name, span in spec.randomization.ranges.items()
+    ]
     return "\n## Task\n\n" + table(SETTINGS, rows) + _task_notes(task)
 
 

@@ -36,7 +36,7 @@ without it would change its speed at once where it slips, which takes far shorte
 
 WHEEL_MASS = 0.01  # of one wheel, in masses of the robot
 RESPONSE_TIME = 0.08  # time constant (s) with which motors bring 1 kg to a speed
-TORQUE_RESERVE = 2.0  # largest torque, in those that drive 1 kg by `max_acceleration`
+TORQUE_RESERVE = 2.0  # largest torque, in those that drive the robot by its largest acceleration
 N_POSITIONS, N_VELOCITIES = 9, 8  # of a robot: a free joint, the left and right wheel
 FLOOR = 2  # class of collisions of the floor; what stands on it collides with nothing else
 
@@ -53,6 +53,7 @@ class Wheeled(NamedTuple):
     wheels: tuple[Any, ...]  # bodies, left and right
     axles: tuple[Any, ...]  # joints
     tyres: tuple[Any, ...]  # geoms
+    motors: tuple[Any, ...]  # actuators
 
     def write(self, model: Any, row: list[float]) -> None:
         """Gives the robot the body of an episode, `dynamics.limits_of`, [9]."""
@@ -72,6 +73,9 @@ class Wheeled(NamedTuple):
             model.dof_armature[dof] = ROTOR_SHARE * mass * WHEEL_RADIUS**2 / 2.0
         for tyre in self.tyres:
             frictions[tyre.id, 0] = row[GRIP] / (GRAVITY * WHEEL_SHARE * (1.0 - ROTOR_SHARE))
+        torque = TORQUE_RESERVE * mass * row[ACCELERATION] * WHEEL_RADIUS / 2.0
+        for motor in self.motors:
+            model.actuator_forcerange[motor.id] = -torque, torque
         frictions[self.hull.id, 0] = SURFACE_FRICTION * row[FRICTION]
 
 
@@ -89,7 +93,7 @@ def add_wheeled(model: Any, name: str, robot: Robot, contact: dict[str, Any]) ->
     )
     caster = (-CASTER * robot.radius, 0.0, 0.0)
     chassis.add_geom(size=size, pos=caster, condim=1, **shape, **ON_FLOOR)
-    wheels, axles, tyres = [], [], []
+    wheels, axles, tyres, motors = [], [], [], []
     for side, place in (("left", 1.0), ("right", -1.0)):
         wheel = chassis.add_body(
             name=f"{name}_{side}", pos=(0.0, place * TRACK * robot.radius / 2.0, 0.0), **solid
@@ -99,15 +103,15 @@ def add_wheeled(model: Any, name: str, robot: Robot, contact: dict[str, Any]) ->
         smooth = {"friction": (0.0, 0.0, 0.0), "condim": 3}
         tyres.append(wheel.add_geom(size=size, **smooth, **shape, **ON_FLOOR))
         wheels.append(wheel)
-        _add_motor(model, f"{name}_{side}", robot.max_acceleration)
-    return Wheeled(robot.radius, chassis, hull, tuple(wheels), tuple(axles), tuple(tyres))
+        motors.append(_add_motor(model, f"{name}_{side}"))
+    parts = (wheels, axles, tyres, motors)
+    return Wheeled(robot.radius, chassis, hull, *map(tuple, parts))
 
 
-def _add_motor(model: Any, name: str, force: float) -> None:
-    """Adds a motor of one of two wheels, which holds a speed; 1 kg is driven with `force` N."""
+def _add_motor(model: Any, name: str) -> Any:
+    """Adds a motor of one of two wheels, which holds a speed."""
     gain = WHEEL_RADIUS**2 / (2.0 * RESPONSE_TIME)  # N m s
-    torque = TORQUE_RESERVE * force * WHEEL_RADIUS / 2.0
-    model.add_actuator(
+    return model.add_actuator(
         name=name,
         target=name,
         trntype=mujoco.mjtTrn.mjTRN_JOINT,
@@ -116,7 +120,7 @@ def _add_motor(model: Any, name: str, force: float) -> None:
         gainprm=[gain] + [0.0] * 9,
         biasprm=[0.0, 0.0, -gain] + [0.0] * 7,
         forcelimited=True,
-        forcerange=(-torque, torque),
+        forcerange=(-1.0, 1.0),
     )
 
 

@@ -415,7 +415,8 @@ def _features(is_box: bool, is_posed: bool) -> tuple[Feature, ...]:
     )
     if is_box:
         turn = Feature("payload_turn", "velocity", meaning="turn rate times distance of a corner")
-        found += (*vector("payload_axis", "direction", "direction of its local x axis"), turn)
+        axis = vector("payload_axis", "direction", "direction of its local x axis")
+        found += (*telling_goals(axis), turn)  # it is the direction that is nearer to the goal's
     if is_posed:
         found += telling_goals(vector("goal_axis", "direction", "wanted direction of that axis"))
     return found

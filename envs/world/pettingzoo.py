@@ -98,10 +98,8 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
         dict[str, dict[str, Any]],
     ]:
         """Advances the episode by one control step; actions are one array [A] per agent."""
-        if not self.agents:
-            raise SchemaError("the episode has ended or was never started; call reset() first")
         names = self.agents
-        step = self._env.step(self._joint(actions))
+        step = self._env.step(self.joint(actions))
         self._step = step
         terminated, truncated = step.terminations.item(), step.truncations.item()
         results = (
@@ -158,7 +156,14 @@ class ParallelWorld(ParallelEnv[str, Float, Float]):
     def close(self) -> None:
         """Does nothing: there is no window."""
 
-    def _joint(self, actions: dict[str, Float]) -> Float:
+    def joint(self, actions: dict[str, Float]) -> Float:
+        """Returns the actions of all agents, float32 [1, N, A].
+
+        Raises:
+            SchemaError: the episode does not run, or an agent has no such action.
+        """
+        if not self.agents:
+            raise SchemaError("the episode has ended or was never started; call reset() first")
         try:
             joint = np.array([[actions[name] for name in self.agents]], dtype=np.float32)
         except KeyError:

@@ -72,6 +72,7 @@ class TeamEnv(gymnasium.Env[dict[str, Float], dict[str, Float]]):
     ) -> tuple[dict[str, Float], float, bool, bool, dict[str, Any]]:
         """Advances the episode by one control step; actions are one array [A] per robot."""
         if self._frame is not None:
+            self._world.joint(action)  # refuses what is no action of each robot
             names = self.task.agent_names
             seen = self._world.current_step.observations
             joint = np.array([[action[name] for name in names]], dtype=np.float64)

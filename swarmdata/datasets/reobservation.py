@@ -298,5 +298,6 @@ def attempted_links(episode: Episode, spec: TaskSpec) -> Bool | None:
     if not isinstance(model, Broadcast):
         return None
     no_losses = {"drop_probability": 0.0, "bursts": None, "slots_in_step": None}
-    ideal = spec.with_updates(communication=model.model_copy(update=no_losses))
+    drawn = spec.randomization.model_copy(update={"drop_probability": None})
+    ideal = spec.with_updates(communication=model.model_copy(update=no_losses), randomization=drawn)
     return reobserve_episode(episode, make_task(ideal))["delivered"]

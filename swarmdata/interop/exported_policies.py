@@ -94,7 +94,7 @@ def _commands(spec: Trainable) -> dict[str, Any]:
         commands = []
         for robot in spec.robots:
             is_speed = robot.command == "velocity"
-            most = robot.max_speed if is_speed else robot.max_acceleration
+            most = robot.max_speed if is_speed else robot.acceleration
             half = [most, robot.max_turn_rate if robot.dynamics == "unicycle" else most]
             stop = [0.0, 0.0] if is_speed else None
             commands.append(

@@ -9,8 +9,8 @@ from swarmdata.errors import PolicyFitError, SpecError, UnknownNameError, check_
 from swarmdata.specs.communication_names import communication_model
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.observation_names import observation_model
-from swarmdata.specs.randomization import Randomization
-from swarmdata.specs.sensing_models import Broadcast
+from swarmdata.specs.randomization import SENSED_RANGES, Randomization
+from swarmdata.specs.sensing_models import Broadcast, NoCommunication, StateModel
 from swarmdata.specs.task_spec import BACKENDS, TaskSpec
 
 if TYPE_CHECKING:
@@ -128,7 +128,13 @@ def check_messages(spec: TaskSpec, recorded: TaskSpec) -> None:
 
 def is_same_world(first: TaskSpec, second: TaskSpec) -> bool:
     """Whether two specs differ in their models only: states, rewards and returns are the same."""
-    return with_models(first, second.observation, second.communication) == second
+    return _unsensed(first) == _unsensed(second)
+
+
+def _unsensed(spec: TaskSpec) -> TaskSpec:
+    drawn = spec.randomization.ranges
+    ranges = {name: span for name, span in drawn.items() if name not in SENSED_RANGES}
+    return with_models(spec, StateModel(), NoCommunication(), randomization=ranges)
 
 
 def chosen_models(
@@ -146,6 +152,7 @@ def chosen_models(
         changes = [
             *_changes("observation", own.observation, found.observation),
             *_changes("communication", own.communication, found.communication),
+            *_changes("randomization", own.randomization, found.randomization),
         ]
         _LOG.info("Changes to the task's own models: %s", ", ".join(changes) or "none")
     return found

@@ -54,5 +54,8 @@ RANDOM_FIELDS = tuple(Randomization.model_fields)
 PAYLOAD_RANGES = {"payload_mass": "mass", "payload_friction": "friction"}
 """Those of `rules.Payload`, and its fields."""
 
+SENSED_RANGES = {"noise": "observation", "drop_probability": "communication"}
+"""Those of a field of a model of the spec, and that model; they change no state."""
+
 TEAM_RANGES = ("drop_probability", *PAYLOAD_RANGES)
 """Those of which an episode draws one value instead of one for each robot."""

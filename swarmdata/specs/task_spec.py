@@ -28,7 +28,7 @@ from swarmdata.specs.quantities import (
     Speed,
     TurnRate,
 )
-from swarmdata.specs.randomization import PAYLOAD_RANGES, Randomization
+from swarmdata.specs.randomization import PAYLOAD_RANGES, SENSED_RANGES, Randomization
 from swarmdata.specs.rules import Rules, Side, TaskRules, rules_model
 from swarmdata.specs.sensing_models import (
     AnyCommunicationModel,
@@ -381,7 +381,8 @@ class TaskSpec(Frozen):
         """Returns a validated copy with top-level fields replaced.
 
         What a mapping leaves out has its default; names of models, such as `lossy-30`, modify the
-        spec's own, as everywhere.
+        spec's own, as everywhere. Noise or losses that a model changes are drawn no more, unless
+        `randomization` is given.
         """
         readers: dict[str, Callable[..., Any]] = {
             "observation": observation_model, "communication": communication_model,
@@ -391,7 +392,20 @@ class TaskSpec(Frozen):
             for name, read in readers.items()
             if isinstance(changes.get(name), str)
         }
-        return type(self).parse({**self.model_dump(), **changes, **named})
+        data = {**self.model_dump(), **changes, **named}
+        if self.randomization.ranges and "randomization" not in changes:
+            found = type(self).parse({**data, "randomization": {}})
+            data["randomization"] = {
+                name: span
+                for name, span in self.randomization.ranges.items()
+                if _value_beside(found, name) == _value_beside(self, name)
+            }
+        return type(self).parse(data)
+
+
+def _value_beside(spec: TaskSpec, name: str) -> Any:
+    """What a model of a spec has instead of a range of this name; None if no model has any."""
+    return getattr(getattr(spec, SENSED_RANGES.get(name, ""), None), name, None)
 
 
 def _unsimulated(spec: TaskSpec) -> Iterator[str]:

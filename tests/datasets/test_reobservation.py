@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -247,8 +248,10 @@ def test_unknown_models_are_explained(dataset: Dataset) -> None:
         dataset.reobserve(communication="lossless-3")
 
 
-def test_lost_messages_are_those_that_a_clear_channel_delivers() -> None:
+@pytest.mark.parametrize("drawn", [{}, {"drop_probability": (0.3, 0.5)}])
+def test_lost_messages_are_those_that_a_clear_channel_delivers(drawn: dict[str, Any]) -> None:
     spec = short("coop_nav", "state", "lossy-40+range-2+delayed-1")
+    spec = spec.with_updates(randomization=drawn)
     episode = played(spec, 0, "random")
     attempted = attempted_links(episode, spec)
     assert attempted is not None

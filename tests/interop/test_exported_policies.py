@@ -79,7 +79,7 @@ def test_what_is_no_file_for_robots_is_refused(
 def test_commands_of_tasks() -> None:
     robots = [
         {"dynamics": "unicycle", "max_speed": 0.5, "max_turn_rate": 2.0},
-        {"command": "acceleration", "max_acceleration": 1.5},
+        {"command": "acceleration", "max_acceleration": 3.0, "mass": 2.0},
         {"dynamics": "unicycle", "drive": "differential"},
     ]
     team = [{"count": 1, "name": f"kind{k}", "robot": robot} for k, robot in enumerate(robots)]

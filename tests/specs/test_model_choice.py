@@ -81,6 +81,22 @@ def test_names_modify_the_tasks_own_models_and_not_those_of_a_view() -> None:
     assert with_models(seen, "state", "goal", own=own) == own
 
 
+def test_noise_and_losses_that_are_chosen_are_drawn_no_more(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    ranges = {"mass": (1.0, 2.0), "noise": (0.0, 0.1), "drop_probability": (0.0, 0.3)}
+    drawn = with_models(preset("search"), randomization=ranges)
+    assert with_models(drawn, "lidar+delay-1", "goal").randomization == drawn.randomization
+    with caplog.at_level(logging.INFO, "swarmdata"):
+        found = chosen_models(drawn, "noise-0.2", "lossy-60")
+    assert found.randomization.ranges == {"mass": (1.0, 2.0)}
+    assert "randomization.noise (0.0, 0.1) -> none" in caplog.text
+    assert drawn.with_updates(observation="noise-0.2", communication="lossy-60") == found
+    assert with_models(drawn, "noise-0.2", randomization=ranges).randomization.ranges == ranges
+    assert is_same_world(drawn, found)
+    assert is_same_world(found, drawn)
+
+
 @pytest.mark.parametrize(
     ("chosen", "line"),
     [

@@ -7,7 +7,7 @@ from swarmdata.interfaces import Task
 from swarmdata.numerics.geometry import SHAPE_MEANINGS
 from swarmdata.registry.components import make_task, reward_terms
 from swarmdata.specs.origins import Origin, Spec
-from swarmdata.specs.sensing_models import AnyObservationModel, Drift
+from swarmdata.specs.sensing_models import Drift
 from swarmdata.specs.spaces import width
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.store.arrays.column_meanings import action_columns, task_columns, term_columns
@@ -175,7 +175,7 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
         arena={"value": [spec.arena.width, spec.arena.height], "unit": "m"},
     )
     known.setdefault("observations", {}).update(
-        details=" ".join(_sensed_notes(spec.observation)),
+        details=" ".join(_sensed_notes(spec)),
         model=spec.observation.model_dump(mode="json"),
     )
     known["actions"] = _of_actions(spec)
@@ -189,13 +189,17 @@ def _of_task(task: Task, shapes: Shapes) -> dict[str, Attributes]:
     return known
 
 
-def _sensed_notes(model: AnyObservationModel) -> Iterator[str]:
-    """How the observations of a model are laid out, and what its numbers mean."""
+def _sensed_notes(spec: TaskSpec) -> Iterator[str]:
+    """How the observations of a task are laid out, and what the numbers of their model mean."""
+    model, drawn = spec.observation, spec.randomization.noise
     is_turned = model.kind == "state" and model.in_body_frame
     yield BODY_STATE_NOTE if is_turned else SENSED_NOTES[model.kind]
     yield MODIFIED_NOTE
     if model.drift != Drift():
         yield DRIFT_NOTE
+    if drawn is not None:
+        span = f"{drawn[0]:g} to {drawn[1]:g}"
+        yield f"Instead of `noise`, an episode draws one deviation for each robot, from {span}."
 
 
 def _of_actions(spec: TaskSpec) -> Attributes:

@@ -14,6 +14,9 @@ from swarmdata.specs.state_layout import N_COLUMNS, body_columns, pair, robot_co
 from swarmdata.specs.task_spec import Robot, TaskSpec
 from swarmdata.types import EVENT_COLUMNS, Column
 
+ACCELERATION_RANGES = {"max_acceleration", "mass", "wheel_grip"}
+"""Fields of `Randomization` on which a robot's largest acceleration depends."""
+
 
 def task_columns(task: Task) -> dict[str, tuple[Column, ...]]:
     """The columns of every array that has some, but `actions`, which may differ by robot.
@@ -116,11 +119,19 @@ def _bounds(feature: Feature) -> tuple[float | None, float | None]:
 def action_columns(robot: Robot, spec: TaskSpec) -> tuple[Column, ...]:
     """Every column of one robot's action: its command, then a learned message, [A]."""
     message = _message_columns(spec) if spec.action_size > 2 else ()
-    return (*_command_columns(robot), *message)
+    return (*_command_columns(robot, spec), *message)
 
 
-def _command_columns(robot: Robot) -> tuple[Column, ...]:
-    speed, acceleration = f"{robot.max_speed:g} m/s", f"{robot.acceleration:g} m/s^2"
+def _command_columns(robot: Robot, spec: TaskSpec) -> tuple[Column, ...]:
+    drawn = spec.randomization.ranges.keys()
+    speed, acceleration, rate = (
+        f"the episode's {name}" if drawn & ranges else f"{value:g} {unit}"
+        for name, value, unit, ranges in (
+            ("max_speed", robot.max_speed, "m/s", {"max_speed"}),
+            ("acceleration", robot.acceleration, "m/s^2", ACCELERATION_RANGES),
+            ("max_turn_rate", robot.max_turn_rate, "rad/s", {"max_turn_rate"}),
+        )
+    )
     is_velocity = robot.command == "velocity"
     limit = (
         f"approached with at most {acceleration}"
@@ -133,7 +144,7 @@ def _command_columns(robot: Robot) -> tuple[Column, ...]:
         more = f", as a fraction of {scale}, {limit}; a vector longer than 1 is shortened to 1"
         return pair(f"{what}_", f"commanded {what}", "", (1.0, 1.0), more)
     ahead = f"commanded {what} along the heading, as a fraction of {scale}, {limit}"
-    turn = f"turn rate, counter-clockwise, as a fraction of {robot.max_turn_rate:g} rad/s"
+    turn = f"turn rate, counter-clockwise, as a fraction of {rate}"
     if robot.drive == "differential":
         turn += "; where the sizes of both fractions have a sum above 1, both are divided by it"
     return (
@@ -168,7 +179,9 @@ def _message_columns(spec: TaskSpec) -> tuple[Column, ...]:
     )
     columns = (*measured, *following)
     sent = tuple(columns[k] for k in PAYLOAD_COLUMNS[model.payload])
-    if spec.observation.noise.position == spec.observation.drift.position == 0.0:
+    sensor = spec.observation
+    is_noisy = sensor.noise.position > 0.0 or spec.randomization.noise is not None
+    if not is_noisy and sensor.drift.position == 0.0:
         return sent
     # with noise or drift, a robot may measure a position outside of the arena
     return tuple(c._replace(low=None, high=None) if c.unit == "m" else c for c in sent)

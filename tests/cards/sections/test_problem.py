@@ -6,6 +6,7 @@ from swarmdata.cards.sections.problem import (
     SINGLE_ROBOT_NOTE,
     definitions_section,
     reward_section,
+    task_section,
 )
 from swarmdata.envs.coop_nav.navigation_rules import NavigationRules
 from swarmdata.envs.formation.formation_rules import FormationRules
@@ -34,6 +35,12 @@ def test_a_share_of_the_teams_reward_makes_robots_depend_on_one_another(share: f
     assert says_so(TaskSpec(rules=NavigationRules.parse({"rewards": rewards}))) == (share == 0)
     fixed = FormationRules.parse({"slots": "fixed", "rewards": rewards})
     assert says_so(preset("formation").with_updates(rules=fixed.model_dump())) == (share == 0)
+
+
+def test_ranges_that_episodes_draw_from_are_on_the_card() -> None:
+    spec = preset("coop_nav").with_updates(randomization={"mass": (1.0, 2.0)})
+    assert "| drawn in each episode: mass | 1, 2 |" in task_section(make_task(spec))
+    assert "drawn in each episode" not in task_section(make_task(preset("coop_nav")))
 
 
 def test_definitions_have_the_numbers_of_the_spec() -> None:

@@ -94,7 +94,8 @@ def test_all_fields_of_bodies_are_tested_here() -> None:
 
 @pytest.mark.parametrize(
     ("name", "backend"),
-    [*product(["coop_nav-unicycle"], ["pymunk", "mujoco", "kinematic"]),
+    [("coop_nav-wheeled", "mujoco"),
+     *product(["coop_nav-unicycle"], ["pymunk", "mujoco", "kinematic"]),
      *product(["transport"], ["pymunk", "mujoco"])],
 )  # fmt: skip
 def test_an_episode_is_that_of_the_drawn_values(name: str, backend: str) -> None:

@@ -7,7 +7,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 
 from swarmdata.envs.world.team_env import TeamEnv
-from swarmdata.errors import SpecError
+from swarmdata.errors import SchemaError, SpecError
 from swarmdata.numerics.random import evaluation_seeds
 from swarmdata.perception.frames import find_frame, in_world
 from swarmdata.registry.components import make_env
@@ -71,3 +71,7 @@ def test_wrong_requests() -> None:
         TeamEnv(SPEC, frame="payload_goal")
     with pytest.raises(SpecError, match="invalid TaskSpec in the spec"):
         TeamEnv({"horizon": -1})
+    env = TeamEnv(SPEC, frame="target")
+    env.reset(seed=0)
+    with pytest.raises(SchemaError, match="no action for robot_1, robot_2, robot_3"):
+        env.step({"robot_0": np.zeros(2, np.float32)})

@@ -182,7 +182,7 @@ def test_without_velocities_the_other_features_stay_as_they_are(
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["coop_nav-unassigned", *TASKS])
+@pytest.mark.parametrize("name", ["coop_nav-unassigned", "transport-hard", *TASKS])
 def test_a_hidden_goal_is_in_no_feature_of_any_task(name: str, kind: str) -> None:
     spec = with_models(preset(name), f"{kind}+goal-for-0", "none")
     step = make_env(spec, 2).reset(np.arange(2, dtype=np.uint64))

@@ -176,6 +176,20 @@ def test_observations_say_in_whose_frame_they_are_and_how_poses_drift() -> None:
     assert "(1 + p B0)" not in described("noise-0.02")["details"]
 
 
+def test_what_episodes_draw_is_not_said_to_be_the_specs() -> None:
+    ranges = {"max_speed": (0.3, 0.9), "mass": (1.0, 2.0), "noise": (0.0, 0.5)}
+    spec = preset("coop_nav-unicycle").with_updates(
+        communication=communication_model("perfect"), randomization=ranges
+    )
+    found = attributes_of(recipe_of(spec), shapes_of(make_env(spec)))
+    ahead, turn = (column["meaning"] for column in found["actions"]["columns"])
+    assert "0.6 m/s" not in ahead
+    assert "the episode's acceleration" in ahead
+    assert "3 rad/s" in turn
+    assert found["sent"]["columns"][0]["range"] == [None, None]
+    assert "draws one deviation for each robot, from 0 to 0.5" in found["observations"]["details"]
+
+
 def test_robots_that_differ_have_columns_of_their_own() -> None:
     spec = preset("coop_nav-mixed")
     actions = attributes_of(recipe_of(spec), {"actions": (4, spec.n_agents, 2)})["actions"]
