@@ -239,7 +239,7 @@ class Lock:
 
     def _sign(self, descriptor: int, pulses: bool) -> None:
         if not fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_RDWR:
-            problem = f"{self.file} was left by a process of another user, who may remove it"
+            problem = f"{self.file} was left by a process of another user"
             raise PermissionError(errno.EACCES, problem)
         os.truncate(descriptor, 0)
         os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)

@@ -135,7 +135,7 @@ def test_another_user_who_holds_a_lock_is_waited_for(
             raise PermissionError(errno.EACCES, "Permission denied")
         return opened(path, flags, *mode)
 
-    monkeypatch.setattr(locking.os, "open", refuse)
+    monkeypatch.setattr(os, "open", refuse)
     in_use = pytest.raises(BuildError, match="in use by process")
     with locked(tmp_path / "x"), in_use, locked(tmp_path / "x", patience=0.1):
         pass
