@@ -19,6 +19,7 @@ from swarmdata.registry.published import (
     side_references,
 )
 from swarmdata.registry.recipes import find_recipe
+from swarmdata.registry.tiers import outlines
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.cache_folder import cache_folder
 from swarmdata.specs.origins import Origin, Spec
@@ -68,14 +69,13 @@ class Entry:
 
     @property
     def is_mini(self) -> bool:
-        """Whether it is called a mini, a small part of another; small ones of users are not."""
-        return _is_mini(self.id)
+        """Whether it is a mini of the package; what users call so is a dataset of its own."""
+        return _is_mini(self.id) and self.id in outlines()
 
     @property
     def full_id(self) -> str:
         """The id of the dataset that it is a mini of; its own if it is none."""
-        name = without_version(self.id)
-        return name.removesuffix("-mini") + self.id.removeprefix(name)
+        return self.id.replace("-mini-", "-") if self.is_mini else self.id
 
     @property
     def gaps(self) -> Mapping[str, Mapping[str, Interval]]:
@@ -132,20 +132,19 @@ def find_entries(
     `names` are ids, addresses or folders whose episodes are shown, without any those in the cache;
     `with_published` adds the other published datasets. What cannot be opened is in `failures`.
     """
-    opened = []
+    found: dict[str, Entry] = {}
     cached = (cache_folder() / "datasets").glob("*/manifest.json")
     for name in names or [str(file.parent) for file in sorted(cached)]:
         with failures.item(name):
-            opened.append(load(name, workers=workers))
-    found: dict[str, Entry] = {}
-    for dataset in opened:
-        earlier = found.get(dataset.id)
-        if earlier is not None and earlier.digest != dataset.digest:
-            raise SpecError(
-                f"two datasets are called {dataset.id}, with digests {str(earlier.digest)[:12]} "
-                f"and {dataset.digest[:12]}. Show one of them, or rename the other."
-            )
-        found[dataset.id] = _of_dataset(dataset)
+            dataset = load(name, workers=workers)
+            earlier = found.get(dataset.id)
+            if earlier is not None and earlier.digest != dataset.digest:
+                raise SpecError(
+                    f"two datasets are called {dataset.id}, with digests "
+                    f"{str(earlier.digest)[:12]} and {dataset.digest[:12]}. Show one of them, or "
+                    "rename the other."
+                )
+            found[dataset.id] = _of_dataset(dataset)
     for info in list_datasets() if with_published else ():
         if info.id not in found:
             found[info.id] = _of_published(info.id, info.n_steps, info.score)

@@ -13,6 +13,7 @@ import pickle
 import stat
 from collections.abc import Callable, Iterator
 from functools import cache
+from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -128,6 +129,15 @@ class _CheckedFiles(IndexDataCacheFile):  # type: ignore[misc]  # numba is untyp
     def __init__(self, path: str, name: str, stamp: Any, *, is_shipped: bool = False) -> None:
         super().__init__(path, name, stamp)
         self._is_shipped = is_shipped  # with the package, whoever owns it
+
+    def save(self, key: Any, data: Any) -> None:
+        """Writes the code before the index, which else may name older code of other types."""
+        overloads = self._load_index()
+        taken = {*overloads.values()}
+        free = (name for name in map(self._data_name, count(1)) if name not in taken)
+        name = overloads.get(key) or next(free)
+        self._save_data(name, data)
+        self._save_index({**overloads, key: name})
 
     def _dump(self, obj: Any) -> bytes:
         content: bytes = super()._dump(obj)

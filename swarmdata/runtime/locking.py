@@ -216,6 +216,8 @@ class Lock:
             except FileNotFoundError:  # its holder has just removed it
                 if not create:
                     raise
+            except PermissionError:  # of another user, who is waited for
+                return os.open(self.file, flags & ~os.O_RDWR), False
             except OSError as error:
                 if error.errno in (errno.ELOOP, errno.EISDIR, errno.ENXIO):
                     raise _in_the_way(self.file, self.subject) from error
@@ -236,6 +238,9 @@ class Lock:
         return True, False
 
     def _sign(self, descriptor: int, pulses: bool) -> None:
+        if not fcntl.fcntl(descriptor, fcntl.F_GETFL) & os.O_RDWR:
+            problem = f"{self.file} was left by a process of another user"
+            raise PermissionError(errno.EACCES, problem)
         os.truncate(descriptor, 0)
         os.pwrite(descriptor, f"process {os.getpid()} on {socket.gethostname()}\n".encode(), 0)
         if pulses:

@@ -18,7 +18,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, cast
 
-from swarmdata.errors import SpecError
+from swarmdata.errors import SpecError, SwarmdataError
 
 GROUPS = ("tasks", "policies", "algorithms", "online_algorithms", "remotes")
 """Kinds of components; `swarmdata.tasks` and so on are the groups of entry points."""
@@ -82,18 +82,32 @@ def register(group: str, name: str, component: Any) -> None:
         )
     _here[group][name] = component
     place = component if isinstance(component, str) else _place_of(component)
-    if place is not None:
-        known = json.loads(os.environ.get(REGISTERED_VARIABLE, "{}"))
-        known.setdefault(group, {})[name] = place
-        os.environ[REGISTERED_VARIABLE] = json.dumps(known)
+    known = json.loads(os.environ.get(REGISTERED_VARIABLE, "{}"))
+    known.setdefault(group, {})[name] = place
+    if place is None:  # nor is what had the name before
+        del known[group][name]
+    os.environ[REGISTERED_VARIABLE] = json.dumps(known)
 
 
 def import_component(component: Any) -> Any:
-    """Returns the component that "module:Name" names, or the component itself."""
+    """Returns the component that "module:Name" names, or the component itself.
+
+    Raises:
+        SpecError: there is no such module, or nothing of this name in it.
+        ModuleNotFoundError: it needs torch.
+    """
     if not isinstance(component, str):
         return component
     module, _, attribute = component.partition(":")
-    return getattr(import_module(module), attribute)
+    try:
+        return getattr(import_module(module), attribute)
+    except (ImportError, AttributeError, ValueError) as error:
+        if isinstance(error, SwarmdataError) or getattr(error, "name", None) == "torch":
+            raise
+        raise SpecError(
+            f"{component!r:.100} cannot be imported: {error}. Expected it as module:name, of "
+            "a module that is installed or on PYTHONPATH."
+        ) from error
 
 
 def import_function(place: str) -> Callable[..., Any]:
@@ -102,13 +116,7 @@ def import_function(place: str) -> Callable[..., Any]:
     Raises:
         SpecError: there is no such module, or no such function in it.
     """
-    try:
-        found = import_component(place)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise SpecError(
-            f"{place!r:.100} cannot be imported: {error}. Expected a function as module:name, of a "
-            "module that is installed or on PYTHONPATH."
-        ) from error
+    found = import_component(place)
     if not callable(found):
         raise SpecError(f"{place!r:.100} is {found!r:.100}, expected a function")
     return cast(Callable[..., Any], found)
@@ -131,10 +139,12 @@ def code_of(group: str, name: str) -> str | None:
     """SHA-256 of the Python files of the package of a user's component; None if there are none."""
     package = _package_of(group, name)
     spec = None if package is None else find_spec(package)
-    if spec is None or spec.origin is None:
+    if spec is None:
         return None
-    places = spec.submodule_search_locations
-    files = [Path(spec.origin)] if places is None else sorted(Path(places[0]).rglob("*.py"))
+    places = spec.submodule_search_locations  # a folder without __init__.py may be in several
+    files = sorted(file for place in places or () for file in Path(place).rglob("*.py"))
+    if places is None and spec.origin is not None:
+        files = [Path(spec.origin)]
     digest = hashlib.sha256()
     for file in files:
         digest.update(hashlib.sha256(file.read_bytes()).digest())
@@ -146,7 +156,7 @@ def own_codes(**used: str) -> dict[str, str]:
 
     `used`: names by group, such as `tasks="coop_nav"`.
     """
-    found = {name: code_of(group, name) for group, name in used.items()}
+    found = {f"{name} ({group})": code_of(group, name) for group, name in used.items()}
     return {f"code of {name}": code for name, code in found.items() if code is not None}
 
 
@@ -160,7 +170,10 @@ def summary_of(component: Any) -> str:
     """Returns the first line of a component's docstring; of this package's, nothing is imported."""
     if not isinstance(component, str):
         return (inspect.getdoc(component) or "").partition("\n")[0]
-    module = find_spec(component.partition(":")[0])
+    try:
+        module = find_spec(component.partition(":")[0])
+    except ModuleNotFoundError:  # nor is its package there
+        module = None
     if module is None or module.origin is None:
         return ""
     tree = ast.parse(Path(module.origin).read_text(encoding="utf-8"))

@@ -11,7 +11,7 @@ import pytest
 from swarmdata.catalogue import entries
 from swarmdata.catalogue.build_catalogue import CatalogueChoices, build_catalogue
 from swarmdata.catalogue.entries import find_entries
-from swarmdata.errors import SpecError, UnknownNameError
+from swarmdata.errors import UnknownNameError
 from swarmdata.hub.catalog.listing import list_datasets
 from swarmdata.runtime.batches import Failures
 from tests.catalogue.conftest import few_published, little_published
@@ -142,13 +142,17 @@ def test_without_names_the_cache_is_shown(
     assert len(found) == len(few_published()) + 1
 
 
-def test_two_datasets_of_one_id_are_refused(shown: dict[str, Path], tmp_path: Path) -> None:
-    other = make_tiny(tmp_path / "other", seed=9)
+def test_of_two_datasets_of_one_id_the_first_is_shown(
+    shown: dict[str, Path], tmp_path: Path
+) -> None:
+    names = [str(shown["tiny"]), str(make_tiny(tmp_path / "other", seed=9))]
+    failures = Failures(2)
 
-    with pytest.raises(SpecError, match=f"two datasets are called {TINY.id}"):
-        build_catalogue([str(shown["tiny"]), str(other)], tmp_path / "site", CatalogueChoices())
+    (entry,) = find_entries(names, failures, with_published=False)
 
-    assert not (tmp_path / "site").exists()
+    assert entry.dataset is not None
+    assert entry.dataset.path == shown["tiny"]
+    assert f"two datasets are called {TINY.id}" in failures.reasons[names[1]]
 
 
 def test_an_unknown_name_is_refused_before_anything_is_written(tmp_path: Path) -> None:

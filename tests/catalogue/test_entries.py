@@ -1,5 +1,6 @@
 """What entries say of datasets: sizes together, gaps where measured, costs as on the cards."""
 
+from dataclasses import replace
 from html import unescape
 from importlib.resources import files
 from pathlib import Path
@@ -70,6 +71,8 @@ def test_a_dataset_in_a_folder_is_loaded_from_beside_it(
 ) -> None:
     folder = make_tiny(tmp_path / "mine")
     (entry,) = find_entries([str(folder)], Failures(1), with_published=False)
+    small = replace(entry, id="own-mini-v0")
+    assert (small.full_id, small.is_mini) == ("own-mini-v0", False), "it is part of no other"
     assert 'swarmdata.load("./mine")' in unescape(str(get_part(entry, entry.spec)))
     monkeypatch.chdir(tmp_path)
     assert swarmdata.load("./mine").digest == entry.digest

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from swarmdata.runtime import own_components
 from tests.cli.conftest import ID
 from tests.support.command_line import run
 
@@ -48,8 +49,10 @@ def test_what_is_nowhere(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert f"no remote has coop_nav-medium-v1 (asked: {address})" in shown
     shown = run("pull", f"{address}/coop_nav-nothing-v0", code=1)
     assert f"swarmdata remote list {address}" in shown
-    monkeypatch.setenv("SWARMDATA_REMOTES", f"file:///nowhere,{address}")
-    assert run("pull", ID, code=1).count("there is no folder /nowhere") == 2
+    monkeypatch.setenv("SWARMDATA_REMOTES", f"file:///nowhere,lost://here,{address}")
+    monkeypatch.setitem(own_components._here["remotes"], "lost", "lost:Lost")
+    shown = run("pull", ID, code=1)
+    assert shown.count("there is no folder /nowhere") == shown.count("'lost:Lost' cannot") == 2
 
 
 def test_the_gate_is_shut(dataset: Path, address: str, tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 from unittest.mock import Mock
 
 import pytest
-from numba.core import config
+from numba.core import caching, config
 from numba.core.caching import IndexDataCacheFile
 
 from swarmdata.runtime import kernel_cache
@@ -106,6 +106,21 @@ def test_what_root_has_compiled_is_read_by_all(
     other = compiled_twice()[0]
     assert other(3.0) == 1.5
     assert not list((tmp_path / "kernels-4242").rglob("*.nb?")), "it was not compiled again"
+
+
+def test_code_that_was_not_kept_is_not_mistaken_for_older_code_of_other_types(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert compiled_twice()[0](3.0) == 1.5
+    locator = next(each for each in vars(caching) if "UserProvided" in each)  # numba renamed it
+    monkeypatch.setattr(getattr(caching, locator), "get_source_stamp", lambda _: "again")
+    first, second = compiled_twice()
+    with monkeypatch.context() as full_disk:
+        refuse = Mock(side_effect=OSError(errno.ENOSPC, "No space left on device"))
+        full_disk.setattr(IndexDataCacheFile, "_save_data", refuse)
+        assert first(3) == 1.5
+    assert second(3) == 1.5
+    assert not second.stats.cache_hits  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,27 @@ def test_the_umask_says_who_else_may_take_over_a_lock(
         os.umask(before)
 
 
+def test_another_user_who_holds_a_lock_is_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a shared folder, where the umask lets others read a lock and not write to it."""
+    lock, opened = tmp_path / ".x.lock", os.open
+
+    def refuse(path: str, flags: int, *mode: int) -> int:
+        if flags & os.O_RDWR and lock.exists() and not flags & os.O_CREAT:
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return opened(path, flags, *mode)
+
+    monkeypatch.setattr(os, "open", refuse)
+    in_use = pytest.raises(BuildError, match="in use by process")
+    with locked(tmp_path / "x"), in_use, locked(tmp_path / "x", patience=0.1):
+        pass
+    lock.touch()
+    message = r"\.x\.lock was left by a process of another user"
+    with pytest.raises(BuildError, match=message), locked(tmp_path / "x"):
+        pass
+
+
 @pytest.mark.parametrize("kind", ["link", "dangling link", "hard link", "file", "folder", "pipe"])
 def test_what_is_in_the_place_of_a_lock_is_left(tmp_path: Path, kind: str) -> None:
     """Row 75: a link led to a file of somebody else, which was overwritten."""

@@ -18,6 +18,7 @@ from swarmdata.runtime.own_components import (
     REGISTERED_VARIABLE,
     components,
     own_codes,
+    summary_of,
 )
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -55,9 +56,10 @@ def test_a_class_that_others_cannot_import_stays_in_this_process() -> None:
     class Local(Idle):
         pass
 
+    swarmdata.register_policy("local", Resting)
     swarmdata.register_policy("local", Local)
     assert isinstance(make_policy("local", TaskSpec()), Local)
-    assert json.loads(os.environ[REGISTERED_VARIABLE]) == {}
+    assert json.loads(os.environ[REGISTERED_VARIABLE]) == {"policies": {}}  # nor the class before
 
 
 def test_text_names_a_class_and_a_second_registration_replaces_the_first() -> None:
@@ -131,6 +133,31 @@ def test_changed_code_of_users_has_another_hash(
     (tmp_path / "swiftly.py").write_text("class Swift: ...\n")
     swarmdata.register_policy("swift", "swiftly:Swift")
     first = own_codes(policies="swift", tasks="tag")
-    assert list(first) == ["code of swift"]
+    assert list(first) == ["code of swift (policies)"]
     (tmp_path / "swiftly.py").write_text("class Swift: speed = 2\n")
     assert own_codes(policies="swift", tasks="tag") != first
+
+
+def test_a_package_without_init_file_has_a_hash_and_components_of_one_name_have_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(tmp_path)
+    for folder, base in (("lab", "Idle"), ("team", "Random")):
+        (tmp_path / folder).mkdir()
+        text = f"from swarmdata.behavior_policies.simple import {base} as Mine\n"
+        (tmp_path / folder / "parts.py").write_text(text)
+    swarmdata.register_task("mine", "lab.parts:Mine")
+    swarmdata.register_policy("mine", "team.parts:Mine")
+    first = own_codes(tasks="mine", policies="mine")
+    assert len({*first.values()}) == 2
+    (tmp_path / "lab" / "parts.py").write_text("from swarmdata.behavior_policies.simple import *\n")
+    again = own_codes(tasks="mine", policies="mine")
+    assert [again[key] == first[key] for key in first] == [False, True]
+
+
+@pytest.mark.parametrize("place", ["gone:Mine", "gone.parts:Mine", f"{__name__}:Gone"])
+def test_a_component_that_cannot_be_imported_is_named(place: str) -> None:
+    swarmdata.register_algorithm("mine", place)
+    with pytest.raises(SpecError, match=f"'{place}' cannot be imported: .* as module:name"):
+        resolve("algorithm", OFFLINE_ALGORITHMS, "mine")
+    assert "Gone" not in summary_of(place)  # lists of algorithms name it

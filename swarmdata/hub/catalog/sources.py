@@ -216,6 +216,8 @@ def obtain(request: Request, remotes: Remotes, rebuild: Rebuild | None = None) -
         # the lock's last holder may have filled the cache
         for get in (cached, remotes.get, rebuild.get):
             if (found := get(request)) is not None:
+                remove_scratch(_arriving(folder))  # of killed processes, and of remotes that failed
+                remove_scratch(scratch_folder(_arriving(folder), "pull"))
                 return found
     raise unknown_dataset(request, remotes)
 
@@ -267,13 +269,17 @@ def skip(address: str, what: str, error: SwarmdataError) -> None:
     warnings.warn(message, RemoteSkippedWarning, stacklevel=4)
 
 
+def _arriving(folder: Path) -> Path:
+    return scratch_folder(folder, "arriving")
+
+
 def _arrive(
     remote: Remote, release: Release, folder: Path, refuse: Refusal, progress: bool
 ) -> None:
     """Pulls a release beside its place, checks every byte and what it is, and renames it."""
     from swarmdata.cards.side_files import finish  # noqa: PLC0415  (all of cards)
 
-    arriving = scratch_folder(folder, "arriving")
+    arriving = _arriving(folder)
     remove_scratch(arriving)  # of a process that was killed before it had checked it
     pull(remote, release, arriving, refuse=refuse, progress=progress)
     try:

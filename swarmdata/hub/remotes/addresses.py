@@ -174,7 +174,8 @@ def configured_remotes() -> tuple[str, ...]:
     named = os.environ.get("SWARMDATA_REMOTES")
     if named is None:
         return stored_remotes()
-    return tuple(_whole(each.strip(), "SWARMDATA_REMOTES") for each in named.split(",") if each)
+    listed = filter(None, map(str.strip, named.split(",")))
+    return tuple(_whole(each, "SWARMDATA_REMOTES") for each in listed)
 
 
 def stored_remotes() -> tuple[str, ...]:
@@ -195,8 +196,11 @@ def stored_remotes() -> tuple[str, ...]:
 
 
 def store_remotes(change: Callable[[tuple[str, ...]], tuple[str, ...]]) -> Path:
-    """Changes the user's `remotes.yaml` in one step, while it is locked, and returns its path."""
-    path = config_file()
+    """Changes the user's `remotes.yaml` in one step, while it is locked, and returns its path.
+
+    Where it is a link, what it leads to is changed.
+    """
+    path = config_file().resolve()
     with locked(path, shown=False):
         text = yaml.safe_dump({"remotes": list(change(stored_remotes()))}, sort_keys=False)
         write_file(path, text.encode())

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from swarmdata.errors import AddressError, HubError, did_you_mean
+from swarmdata.errors import AddressError, HubError, SwarmdataError, did_you_mean
 from swarmdata.hub.remotes.addresses import open_remote, parse_address
 from swarmdata.hub.remotes.hosts.hugging_face import HubRemote
 from swarmdata.hub.remotes.interface import Release, Remote
@@ -58,10 +58,10 @@ def find_release(
     """
     failures = []
     for address in addresses:
-        remote = open_remote(address)
         try:
+            remote = open_remote(address)
             release = remote.find(dataset_id)
-        except HubError as error:
+        except SwarmdataError as error:
             failures.append(str(error))
             report(failures[-1])
             continue

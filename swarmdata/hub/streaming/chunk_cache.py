@@ -1,11 +1,15 @@
 """ChunkCache: chunks of arrays on the local disk, in bounded space."""
 
+import logging
 import os
 import threading
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from swarmdata.runtime.atomic import TEMPORARY_PREFIX, write_file
+
+_LOG = logging.getLogger("swarmdata")
 
 SUFFIX = ".chunk"  # of the files of chunks
 
@@ -16,12 +20,14 @@ class ChunkCache:
     """Chunks in files of their own; those that were not read for longest are deleted first.
 
     Several processes may share a folder; each may exceed the bound by a part in `SCANS`. Contents
-    are for the caller to check. The bound of 0 bytes keeps none.
+    are for the caller to check. The bound of 0 bytes keeps none. Where nothing can be written, what
+    is there is read, and no more is kept.
     """
 
     def __init__(self, folder: Path, most_bytes: int) -> None:
         self._folder, self._most_bytes = folder, most_bytes
         self._lock, self._room = threading.Lock(), 0  # bytes to write before the next look
+        self._is_written = True
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickles the folder, which processes may share."""
@@ -34,25 +40,31 @@ class ChunkCache:
         path = self._path(key)
         try:
             content = path.read_bytes()
-            path.touch()
-        except FileNotFoundError:  # never there, or deleted meanwhile
+        except OSError:  # never there, or deleted meanwhile
             return None
+        with suppress(OSError):
+            os.utime(path)
         return content
 
     def write(self, key: str, content: bytes) -> None:
         """Keeps a chunk of a path such as `<digest>/actions/3`, and deletes others if need be."""
-        if len(content) > self._most_bytes:
+        if len(content) > self._most_bytes or not self._is_written:
             return
-        with self._lock:
-            self._room -= len(content)
-            if self._room < 0:
-                self._room = self._make_room(len(content))
         path = self._path(key)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_file(path, content)
+        try:
+            with self._lock:
+                self._room -= len(content)
+                if self._room < 0:
+                    self._room = self._make_room(len(content))
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_file(path, content)
+        except OSError as error:
+            self._is_written = False
+            _LOG.warning("streamed chunks are not kept in %s any more: %s", self._folder, error)
 
     def forget(self, key: str) -> None:
-        self._path(key).unlink(missing_ok=True)
+        with suppress(OSError):
+            self._path(key).unlink()
 
     def _path(self, key: str) -> Path:
         return self._folder / f"{key}{SUFFIX}"

@@ -59,7 +59,10 @@ def open_dask(address: str) -> Executor:
 
 
 class RayExecutor(Executor):
-    """Submits to a Ray that has been initialized; one core for each call."""
+    """Submits to a Ray that has been initialized, for this if it `is_owned`; a core for a call."""
+
+    def __init__(self, is_owned: bool) -> None:
+        self._is_owned = is_owned
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> "Future[Any]":
         """Calls a function in a process of the cluster, once; cancelling ends the call there."""
@@ -72,10 +75,11 @@ class RayExecutor(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Disconnects; processes that were started for this executor end."""
+        """Disconnects; processes that were started for this executor end, and no others."""
         import ray  # noqa: PLC0415  (an extra)
 
-        ray.shutdown()
+        if self._is_owned:
+            ray.shutdown()
 
 
 def _hand_over(future: "Future[Any]", call: "Future[Any]") -> None:
@@ -93,7 +97,7 @@ def open_ray(address: str | None) -> Executor:
     """Connects to the cluster at `ray://HOST:PORT`.
 
     Without an address it is that of `RAY_ADDRESS`, as in jobs that Ray runs, or else processes of
-    this machine, started for this.
+    this machine, started for this. Where the process has initialized Ray itself, that is used.
 
     Raises:
         MissingExtraError: Ray is not installed.
@@ -104,6 +108,7 @@ def open_ray(address: str | None) -> Executor:
 
     # without an address, Ray would look for the last cluster of this machine, which may be dead
     found = address or os.environ.get("RAY_ADDRESS", "local")
+    is_owned = not ray.is_initialized()
     try:
         ray.init(found, ignore_reinit_error=True, log_to_driver=False, include_dashboard=False)
     except Exception as error:  # ray.init raises plain ones, too, such as for a slow start
@@ -112,4 +117,4 @@ def open_ray(address: str | None) -> Executor:
             "`ray start --head`, or use the engine ray without an address. What is finished "
             "is kept: run the same command again to continue."
         ) from error
-    return RayExecutor()
+    return RayExecutor(is_owned)

@@ -106,7 +106,7 @@ def test_load_with_rewards_of_a_function() -> None:
     view = load("coop_nav-tiny", rewards="tests.support.own_rewards:effort", observation="lidar-8")
     np.testing.assert_array_equal(view[0].rewards, effort(view[0]))
     for place, problem in {
-        "tests.support.own_rewards:lost": "no attribute 'lost'. Expected a function as module:name",
+        "tests.support.own_rewards:lost": "no attribute 'lost'. Expected it as module:name",
         "no_rewards:effort": "No module named 'no_rewards'",
         "tests.support.own_rewards:np": "is <module 'numpy'.*expected a function",
     }.items():

@@ -162,6 +162,7 @@ def test_where_every_remote_is_skipped_it_is_rebuilt(
     with pytest.warns(RemoteSkippedWarning, match=said):
         found = fetch(request_of_recipe(TINY, tmp_path / "d"), shelf)
     assert found.source == "rebuilt"
+    assert {path.name for path in tmp_path.iterdir()} == {"shelf", "d"}, "nothing that arrived"
 
 
 def test_what_a_killed_fetch_left_is_of_no_consequence(tmp_path: Path, tiny: Path) -> None:

@@ -128,7 +128,13 @@ def test_configured_remotes(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> 
     assert store_remotes(lambda there: (*there, "hf://org", "s3://bucket/p")) == config_file()
     assert configured_remotes() == ("hf://org", "s3://bucket/p")
 
-    monkeypatch.setenv("SWARMDATA_REMOTES", "s3://first/, hf://second")
+    config_file().rename(tmp_path / "linked.yaml")
+    config_file().symlink_to(tmp_path / "linked.yaml")
+    assert store_remotes(lambda there: there[:1]) == tmp_path / "linked.yaml"
+    assert config_file().is_symlink()
+    assert configured_remotes() == ("hf://org",)
+
+    monkeypatch.setenv("SWARMDATA_REMOTES", "s3://first/, hf://second, ")
     assert configured_remotes() == ("s3://first", "hf://second")
     monkeypatch.setenv("SWARMDATA_REMOTES", "")
     assert configured_remotes() == ()

@@ -66,3 +66,16 @@ def test_a_chunk_above_the_bound_is_not_kept(tmp_path: Path) -> None:
     assert cache.read("a/2") == bytes(SIZE)
     cache.forget("a/2")
     assert cache.read("a/2") is None
+
+
+def test_what_cannot_be_kept_is_said_once_and_what_is_there_is_read(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    ChunkCache(tmp_path, BOUND).write("a/0", b"content")
+    (tmp_path / "b").write_text("where a folder belongs")
+    cache = ChunkCache(tmp_path, BOUND)
+    cache.write("b/0", b"content")
+    cache.write("b/1", b"content")
+    cache.forget("b/0")
+    assert caplog.text.count("are not kept") == 1
+    assert (cache.read("b/0"), cache.read("a/0")) == (None, b"content")

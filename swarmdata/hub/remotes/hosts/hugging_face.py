@@ -58,7 +58,13 @@ class HubRemote:
         with tempfile.TemporaryDirectory() as scratch:
             unnamed, manifest = self._release(name, commit), Path(scratch, MANIFEST)
             self.read(unnamed, MANIFEST, manifest, MAX_MANIFEST_BYTES)
-            return self._release(_id_in(manifest, unnamed.address), commit)
+            found = self._release(_id_in(manifest, unnamed.address), commit)
+        if found.address != unnamed.address:
+            raise HubError(
+                f"{unnamed.address} holds {found.id}, expected a repository of the dataset's name. "
+                "Nothing of it is used; tell whoever publishes there."
+            )
+        return found
 
     def _dataset_at(self, name: str, revision: str) -> str | None:
         """The commit of a revision, if it has a dataset."""

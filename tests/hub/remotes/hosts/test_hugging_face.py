@@ -68,6 +68,9 @@ def test_reads_are_pinned(
         remote.read(release, "card.txt", tmp_path / "x", 10)
     with pytest.raises(HubError, match="not pinned"):
         remote.read(Release(ID, "hf://org/coop_nav-synthetic@v0"), "x", tmp_path / "x", 1)
+    hub.repositories["org/Copy"] = repository
+    with pytest.raises(HubError, match=f"org/Copy@.* holds {ID}, expected a repository of the"):
+        remote.at("Copy", release.address.rpartition("@")[2])
     nowhere = Release(ID, f"hf://org/coop_nav-synthetic@{'0' * 40}")
     with pytest.raises(AbsentFileError, match="no commit"):
         remote.read(nowhere, "recipe.json", tmp_path / "x", 10)
