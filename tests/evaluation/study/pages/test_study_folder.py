@@ -81,6 +81,17 @@ def test_everything_is_written_and_again_the_same(study: Study, finished: StudyO
     assert Study.from_file(finished.out / "study.yaml") == Study.parse(public)
 
 
+def test_what_the_plan_no_longer_asks_for_goes(
+    study: Study, finished: StudyOptions, tmp_path: Path
+) -> None:
+    options = replace(finished, out=shutil.copytree(finished.out, tmp_path / "out"))
+    (options.out / "mine.png").touch()
+    _, files = run_study(study.model_copy(update={"losses": {}}), options, "x")
+    left = {path for path in options.out.iterdir() if path.suffix != ".json"}
+    assert left - {*files} == {options.out / "mine.png"}
+    assert options.out / "losses-q.png" not in files
+
+
 @pytest.mark.slow
 def test_a_mixture_is_a_dataset_of_its_own(
     data: Path, other_data: Path, make_study: Make, tmp_path: Path
