@@ -270,7 +270,7 @@ def offline_cell(
     )
 
 
-def _opponents(study: Study, side: str | None) -> dict[str, str | None]:
+def _opponents(study: Study, side: str | None) -> dict[str, Any]:
     """Who plays the other sides, and what their name does not say."""
     name = None if side is None else study.sides[side]
     return {"opponents": name, "opponents_hash": None if name is None else opponents_hash(name)}
