@@ -94,8 +94,8 @@ ModelName = Annotated[str, AfterValidator(_model_name)]
 class View(Frozen):
     """What robots sense and hear; None: as recorded."""
 
-    observation: ModelName | None = None
-    communication: ModelName | None = None
+    observation: ModelName | None = None  # name of the observation model
+    communication: ModelName | None = None  # name of the communication model
 
     @property
     def models(self) -> tuple[str | None, str | None]:
