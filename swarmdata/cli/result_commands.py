@@ -87,6 +87,7 @@ def evaluate(
     _check_options(context, engine, part, has_folder=out is not None, collect=collect)
     from swarmdata.evaluation.results.evaluation_jobs import (
         TargetName,
+        check_different,
         evaluations_of,
         run_evaluations,
     )
@@ -99,6 +100,7 @@ def evaluate(
     }  # fmt: skip
     sources = [TargetName.parse({"name": name, **how}) for name in targets]
     found = [(source, source.find()) for source in sources]
+    check_different([target for _, target in found])
     block: SeedBlock = "validation" if validation else "evaluation"
     budgets = parse_budgets(budget)
     if out is None:

@@ -7,7 +7,7 @@ them. All other files are the user's.
 import json
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -212,6 +212,12 @@ def _files(folder: Path) -> Iterator[str]:
     for each in folder.rglob("*"):
         if each.is_symlink() or not each.is_dir() or not any(each.iterdir()):
             yield each.relative_to(folder).as_posix()
+
+
+def remove_others(folder: Path, kind: OutputKind, kept: Collection[str]) -> None:
+    """Removes listed files that are none of those kept, as earlier commands of the kind left."""
+    for name in listed_files(folder, kind).difference(kept):
+        _remove(folder, name)
 
 
 def _write_list(folder: Path, kind: OutputKind, files: frozenset[str]) -> None:

@@ -14,7 +14,7 @@ from swarmdata.building.build import build
 from swarmdata.errors import OutputError
 from swarmdata.hub.catalog.sources import obtain_release
 from swarmdata.runtime.atomic import UNFINISHED, is_vacant, new_folder
-from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled, remove_others
 from swarmdata.store import open_store
 from tests.faults.kill_points import Operation, survived
 from tests.support.pairs import slow
@@ -77,6 +77,14 @@ def test_files_of_the_user_stay(tmp_path: Path, whole: bool) -> None:
     write(tmp_path, whole=whole, a="3", c="4")
     left = {} if whole else {"deep/b": "2"}
     assert texts(tmp_path) == {"a": "3", "c": "4", "deep/mine": "mine", "link": "3"} | left
+
+
+def test_files_that_are_not_written_again_go_when_told(tmp_path: Path) -> None:
+    write(tmp_path, a="1", deep__b="2", c="3")
+    (tmp_path / "mine").write_text("mine")
+    remove_others(tmp_path, REPORT, ["a", "c"])
+    assert texts(tmp_path) == {"a": "1", "c": "3", "mine": "mine"}
+    assert not (tmp_path / "deep").exists()
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "link", "linked folder", "file for a folder"])

@@ -5,19 +5,17 @@ import resource
 import sys
 from pathlib import Path
 
-from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, read_policy
+from swarmdata.evaluation.leaderboard.entry import ENTRY, Description, entry_task, read_policy
 from swarmdata.evaluation.leaderboard.verify import GIGABYTES, MEASURED, N_REPEATED, fresh_seeds
 from swarmdata.numerics.random import block_seeds
-from swarmdata.registry.recipes import find_recipe
 from swarmdata.rollouts.evaluate import evaluate
-from swarmdata.specs.origins import task_of
 
 
 def main(entry: Path, out: Path, n_episodes: int, n_threads: int) -> None:
     """Writes the metrics of every policy on all blocks of episodes, [K, E] each."""
     resource.setrlimit(resource.RLIMIT_AS, (GIGABYTES << 30, GIGABYTES << 30))
     description = Description.from_file(entry / ENTRY)
-    spec = task_of(find_recipe(description.dataset), "a leaderboard")
+    spec = entry_task(description.dataset)
     policies = [read_policy(entry / file, spec) for file in description.files]
     blocks = {
         "reserved": block_seeds("evaluation", n_episodes),

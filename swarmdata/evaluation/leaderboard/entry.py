@@ -90,16 +90,17 @@ def submit(
     of an earlier entry. What the entry says of itself is as in `Description`.
 
     Raises:
-        SpecError: a run was trained on other data or in other conditions, runs have other settings
-            than each other, there are fewer than `LEAST_SEEDS` policies, or a text is not allowed.
+        SpecError: the task has several sides, a run was trained on other data or in other
+            conditions, runs have other settings than each other, there are fewer than
+            `LEAST_SEEDS` policies, or a text is not allowed.
         UnknownNameError: no such published dataset.
         OutputError: the folder has other files.
     """
     check_output(out, ENTRY_FOLDER)
-    recipe = find_recipe(dataset)
+    recipe, spec = find_recipe(dataset), entry_task(dataset)
     digest = published()[recipe.id].digest
     is_onnx = all(run.suffix == ONNX_SUFFIX for run in runs)
-    team = (_team_of_files if is_onnx else _team)(runs, recipe, digest)
+    team = _team_of_files(runs, spec, recipe, digest) if is_onnx else _team(runs, recipe, digest)
     said: dict[str, Any] = {
         "name": name, "dataset": recipe.id, "digest": digest,
         "algorithm": team.provenances[0].algorithm or name, "license": license, "code": code,
@@ -155,10 +156,10 @@ def _team(runs: Sequence[Path], recipe: Recipe, digest: str) -> Target:
     return Target(targets[0].spec, policies, provenances)
 
 
-def _team_of_files(files: Sequence[Path], recipe: Recipe, digest: str) -> Target:
+def _team_of_files(files: Sequence[Path], spec: TaskSpec, recipe: Recipe, digest: str) -> Target:
     """The policies in files of ONNX, which are said to be trained on the dataset."""
     _check_number(files)
-    team = onnx_target(files, task_of(recipe, "a leaderboard"), "onnx")
+    team = onnx_target(files, spec, "onnx")
     said = {"dataset": recipe.id, "digest": digest}
     provenances = tuple(each.model_copy(update=said) for each in team.provenances)
     return replace(team, provenances=provenances)
@@ -170,6 +171,17 @@ def _check_number(policies: Sequence[object]) -> None:
             f"there are {len(policies)} policies, expected at least {LEAST_SEEDS} training seeds; "
             "train with --seeds 5"
         )
+
+
+def entry_task(dataset: str) -> TaskSpec:
+    """Returns the task of a published dataset; raises SpecError if it has several sides."""
+    spec = task_of(find_recipe(dataset), "a leaderboard")
+    if len(spec.sides) > 1:
+        raise SpecError(
+            f"{dataset} is of {spec.task}, whose sides need opponents, which an entry does not "
+            "have; expected a dataset of a task of one side"
+        )
+    return spec
 
 
 def read_policy(file: Path, spec: TaskSpec) -> Policy:

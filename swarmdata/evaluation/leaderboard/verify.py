@@ -24,6 +24,7 @@ from swarmdata.evaluation.leaderboard.entry import (
     N_EPISODES,
     RESULTS,
     Description,
+    entry_task,
     sha256,
 )
 from swarmdata.evaluation.results.result_files import Result, load_result
@@ -142,7 +143,7 @@ def _claimed(entry: Path, description: Description, n_episodes: int) -> list[Res
     """The results of the policies, in their order; all must be there, of these episodes."""
     found = [load_result(path) for path in sorted((entry / RESULTS).glob("*.json"))]
     by_content = {each.provenance.content: each for each in found}
-    spec, seeds = find_recipe(description.dataset).spec, block_seeds("evaluation", n_episodes)
+    spec, seeds = entry_task(description.dataset), block_seeds("evaluation", n_episodes)
     known = {name: getattr(description, name) for name in ("algorithm", "dataset", "digest")}
     said = {**known, "label": description.name, "view": None, "run": None}
     for index, (file, content) in enumerate(

@@ -39,7 +39,7 @@ from swarmdata.learn.evaluation.fqe import (
 )
 from swarmdata.learn.evaluation.transitions import Transitions
 from swarmdata.learn.networks.dataset_statistics import Statistics
-from swarmdata.learn.training.run_files import run_hash
+from swarmdata.learn.training.run_files import run_hash, run_names
 from swarmdata.learn.training.run_folder import (
     Loaded,
     kept_updates,
@@ -173,11 +173,8 @@ def _candidates(
     folders: Sequence[Path], held_out: Dataset, *, checkpoints: bool, device: str
 ) -> list[Candidates]:
     """Loads the last checkpoint of each run, or all that it kept and the last."""
-    names = [folder.resolve().name for folder in folders]
-    if len(set(names)) < len(names):
-        names = [str(folder) for folder in folders]
     found = []
-    for name, folder in zip(names, folders, strict=True):
+    for name, folder in zip(run_names(folders), folders, strict=True):
         last = load_last(folder, device)
         kept = kept_updates(folder) if checkpoints else ()
         earlier = (load_algorithm(folder, device, at) for at in kept if at != last.update)

@@ -12,12 +12,13 @@ from swarmdata.evaluation.results.result_files import Result, check_results_fold
 from swarmdata.evaluation.results.target_evaluation import evaluate_target, kept_result
 from swarmdata.evaluation.runs.job_options import JobOptions, do_with_bar
 from swarmdata.evaluation.runs.portable_names import portable_name, portable_source
-from swarmdata.evaluation.runs.provenance import Provenance
+from swarmdata.evaluation.runs.provenance import Provenance, file_name
 from swarmdata.numerics.random import SeedBlock, block_seeds
 from swarmdata.runtime.atomic import remove_leftovers
 from swarmdata.runtime.engines.jobs import Handler, Job, Report
 from swarmdata.specs.frozen import Frozen
 from swarmdata.specs.origins import SideSpec
+from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.randomization import Randomization
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -82,6 +83,20 @@ class Evaluation(Frozen):
         """The result, if it is there."""
         seeds = block_seeds(self.block, self.n_episodes)
         return kept_result(self.side or self.spec, self.provenance, seeds, self.folder)
+
+
+def check_different(targets: Sequence[Target]) -> None:
+    """Refuses policies whose results would be called the same, before any is evaluated.
+
+    Raises:
+        ResultsError: there are two of them.
+    """
+    names = (file_name(each, to.measured.hash()) for to in targets for each in to.provenances)
+    if twice := repeated(names):
+        raise ResultsError(
+            f"two of the policies would have the result {twice[0]}, expected one each: name each "
+            "target once, rename a folder or file, or evaluate them apart, each with a --label"
+        )
 
 
 def evaluations_of(

@@ -15,7 +15,7 @@ from swarmdata.learn.training.run_files import CURVE, SPEED, read_table, seeds_o
 from swarmdata.online_algos.runs.online_training import read_online_run
 from swarmdata.registry.presets import name_of
 from swarmdata.rollouts.score_intervals import SHARE, UNBOUNDED, seed_interval
-from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled, remove_others
 from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -94,6 +94,8 @@ def write_online_report(runs: Sequence[Path], out: Path, *, suffix: str = ".png"
             files.setdefault(training.task, {})[training.algorithm] = [file]
         (folder / "table.md").write_text(table, encoding="utf-8")
         plot_learning(files, folder / f"learning{suffix}")
+        kept = {path.name for path in folder.iterdir()}
+    remove_others(out, TRAINING_REPORT, kept)
     return table
 
 

@@ -26,8 +26,8 @@ from swarmdata.evaluation.results.result_tables import (
     difference_table,
     score_table,
 )
-from swarmdata.learn.training.run_files import CURVE, run_folders
-from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+from swarmdata.learn.training.run_files import CURVE, run_folders, run_names
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled, remove_others
 
 REPORT = OutputKind("report")
 
@@ -76,12 +76,15 @@ def write_report(
     tables = tables_of(results)
     with filled(out, REPORT) as folder:
         left_out = _write_tables(results, tables, folder)
+        kept = {path.name for path in folder.iterdir()}
     with filled(out, REPORT) as folder:  # apart, so that tables stay if figures cannot be drawn
         figures = _draw(results, tables, folder, suffix)
         if runs:
             figures["curves"] = _draw_curves(runs, results, folder / f"curves{suffix}")
         left = f"Not in marl-eval.json: {', '.join(left_out)}." if left_out else ""
         (folder / "report.md").write_text(_page(tables, figures, left), encoding="utf-8")
+        kept |= {path.name for path in folder.iterdir()}
+    remove_others(out, REPORT, kept)
     return "\n".join(f"{name}\n{table.to_text()}" for name, table in tables.items())
 
 
@@ -124,10 +127,10 @@ def _draw(
 
 def _draw_curves(runs: Sequence[Path], results: ResultSet, path: Path) -> Path:
     curves = {
-        run.resolve().name: read_curve(
+        name: read_curve(
             [part / CURVE for part in run_folders(run) or (run,)], "success", progress="update"
         )
-        for run in runs
+        for name, run in zip(run_names(runs), runs, strict=True)
     }
     data = [case.data.success for case in results.cases if case.data is not None]
     references = {"mean of the data": data[0]} if len(data) == 1 else {}  # of one dataset

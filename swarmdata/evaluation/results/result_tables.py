@@ -128,7 +128,9 @@ def budget_table(case: Case, budgets: Mapping[str, float]) -> Table:
         columns += [over, share]
     for label, runs in case.runs.items():
         costs = [(case.metric(label, name), budget) for name, budget in budgets.items()]
-        pairs = ((_over_budget(c, b), rate_interval((c > b).astype(np.float64))) for c, b in costs)
+        pairs = (
+            (_over_budget(c, b), rare_rate_interval((c > b).astype(np.float64))) for c, b in costs
+        )
         rows.append(Row(label, len(runs), tuple(chain.from_iterable(pairs))))
     return Table(tuple(columns), tuple(rows), _caption_of_case(case))
 

@@ -11,7 +11,7 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 
-from swarmdata.behavior_policies.learned import Learned
+from swarmdata.behavior_policies.simple import Idle, Random
 from swarmdata.errors import SpecError, UnknownNameError
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.evaluation_jobs import (
@@ -37,7 +37,7 @@ from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.runtime.extras import require_extra
 from swarmdata.runtime.locking import locked
-from swarmdata.runtime.output_folder import OutputKind, check_output, filled
+from swarmdata.runtime.output_folder import OutputKind, check_output, filled, remove_others
 from swarmdata.specs.model_choice import Ranges, is_same_world
 from swarmdata.specs.task_spec import TaskSpec
 
@@ -167,6 +167,8 @@ def _collect(planned: Sweep) -> list[Degradation]:
         (folder / "sweep.md").write_text(text, encoding="utf-8")
         for each in found:
             plot_degradation(each, folder / f"{each.part}-{each.name}.png")
+        kept = {path.name for path in folder.iterdir()}
+    remove_others(planned.out, SWEEP, kept)
     return found
 
 
@@ -224,8 +226,7 @@ def _labels(targets: Sequence[Target]) -> list[str]:
 
 
 def _check_senses(target: Target, name: str) -> None:
-    is_trained = any(isinstance(policy, Learned) for policy in target.policies)
-    if target.provenances[0].run is None and not is_trained:
+    if all(each.uses_state or isinstance(each, Idle | Random) for each in target.policies):
         raise SpecError(
             f"{name} does not use observations or messages, so worse models do not affect it. "
             "Sweep trained policies: a run folder, or a tier such as expert."

@@ -12,7 +12,7 @@ from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError, check_type
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import POLICIES as SAVED
-from swarmdata.learn.training.run_files import find_run
+from swarmdata.learn.training.run_files import find_run, run_hash, seeds_of
 from swarmdata.registry.components import POLICIES, checkpoint_free_policies, policy_class
 from swarmdata.registry.components import make_policy as make_registered
 from swarmdata.registry.presets import find_spec
@@ -20,6 +20,7 @@ from swarmdata.registry.recipes import FAMILY_SPECS, against, side_sources, sour
 from swarmdata.registry.tiers import TRAINED_TIERS
 from swarmdata.rollouts.recipe_episodes import make_source_policy
 from swarmdata.runtime.extras import require_extra
+from swarmdata.runtime.own_components import code_of
 from swarmdata.specs.origins import SideSpec
 from swarmdata.specs.plain_names import repeated
 from swarmdata.specs.recipe import PolicySource
@@ -228,11 +229,18 @@ def find_opponents(name: str, side: str, spec: TaskSpec) -> tuple[Policy | str, 
         first = found.provenances[0]
         return found.policies()[0], f"{first.label}@{str(first.content)[:8]}"
     if name in checkpoint_free_policies():
-        return name, name
+        code = opponents_hash(name)
+        return name, name if code is None else f"{name}@{code[:8]}"
     played = next(each.name for each in spec.sides if each.name != side)
     source = tier_of_side(name, played, spec)[0]
     policy = make_source_policy(source, SideSpec(whole=spec, side=played))
     return policy, f"{name}@{str(source.sha256)[:8]}"
+
+
+def opponents_hash(name: str) -> str | None:
+    """The hash of the run, or of the user's code, that plays against a side; None: neither."""
+    run = find_run(name)
+    return code_of("policies", name) if run is None else run_hash(*seeds_of([run])[0])
 
 
 def make_policy(

@@ -3,10 +3,10 @@
 from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
 from swarmdata.numerics.random import SeedBlock
-from swarmdata.specs.frozen import Frozen, Positive
+from swarmdata.specs.frozen import Frozen, Positive, is_file
 from swarmdata.specs.plain_names import Text, repeated
 
 MOST_SEEDS = 1_000
@@ -81,11 +81,21 @@ class SizesPlan(Frozen):
     """Parts of the data."""
 
 
+def _model_name(value: str) -> str:
+    if is_file(value) or "/" in value:
+        raise ValueError(f"got {value!r:.100}, expected the name of a model, such as lossy-30")
+    return value
+
+
+ModelName = Annotated[str, AfterValidator(_model_name)]
+"""Of an observation or a communication model; it is a part of cells' names."""
+
+
 class View(Frozen):
     """What robots sense and hear; None: as recorded."""
 
-    observation: str | None = None  # name of the observation model
-    communication: str | None = None  # name of the communication model
+    observation: ModelName | None = None  # name of the observation model
+    communication: ModelName | None = None  # name of the communication model
 
     @property
     def models(self) -> tuple[str | None, str | None]:
@@ -125,8 +135,8 @@ class SweepPlan(Frozen):
     """
 
     dataset: str  # of the study; its results decide which variants are best
-    communication: str | None = None  # trained with; None: as recorded
-    observation: str | None = None  # trained with; None: as recorded
+    communication: ModelName | None = None  # trained with; None: as recorded
+    observation: ModelName | None = None  # trained with; None: as recorded
     vary: Literal["communication", "observation"]  # which of the two gets worse
     axis: str  # in the syntax of `swarmdata sweep`, such as drop=0..0.8
     points: Points = 5  # values along the axis

@@ -12,14 +12,13 @@ import numpy as np
 
 from swarmdata.errors import StudyError, UnknownNameError
 from swarmdata.evaluation.results.result_files import load_result
-from swarmdata.evaluation.robustness.sweep_tables import SWEEP_FILE
 from swarmdata.evaluation.runs.job_options import JobOptions
 from swarmdata.evaluation.study.cells.cell_worker import run_cell
 from swarmdata.evaluation.study.cells.cells import DONE_FILE, RESULTS_FOLDER, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
 from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
-from swarmdata.evaluation.study.pages.study_folder import STUDY, remove_left, write_pages
+from swarmdata.evaluation.study.pages.study_folder import STUDY, write_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.shifts.shift import (
     TASKS_FILE,
@@ -29,11 +28,11 @@ from swarmdata.evaluation.study.shifts.shift import (
     plan_transfers,
     run_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweeps import SWEEPS_FOLDER, plan_sweeps, run_sweeps
+from swarmdata.evaluation.study.shifts.sweeps import plan_sweeps, run_sweeps, sweep_table
 from swarmdata.learn.training.run_files import LOSSES, read_table
 from swarmdata.registry.presets import find_spec
 from swarmdata.runtime.engines.open_engine import LOCAL
-from swarmdata.runtime.output_folder import check_output, filled
+from swarmdata.runtime.output_folder import check_output, filled, listed_files, remove_others
 from swarmdata.types import Double, check_device
 
 
@@ -82,7 +81,7 @@ def run_study(
     chosen = [] if options.shifts_only else select_cells(cells, options.only)
     failures = run_cells(chosen, work, again=options.again, **options.jobs)
     measure = options.only is None
-    if measure:
+    if measure and not options.shifts_only:
         swept = _swept_cells(collect_findings(study, cells, work, failures))
         failures |= run_cells(swept, work, again=options.again, **options.jobs)
     found = _collect(study, cells, work, failures)
@@ -115,7 +114,8 @@ def _write_pages(
             if (sweep.is_ready(work) if measure else sweep.is_measured(work))
         ]
         others = found.study.sweeps.keys() - {sweep.label for sweep in ready}
-        remove_left(options.out, {f"{SWEEPS_FOLDER}/{k}/{SWEEP_FILE}" for k in others})
+        kept = listed_files(options.out, STUDY).difference(map(sweep_table, others))
+        remove_others(options.out, STUDY, kept)
         with filled(options.out, STUDY) as folder:
             run_sweeps(ready, work, folder, **jobs)
     shifts = {TRANSFER_FILE: plan_transfers(found), TASKS_FILE: plan_other_tasks(found)}

@@ -15,7 +15,7 @@ from swarmdata.errors import ResultsError
 from swarmdata.evaluation.policy_selection.rank_statistics import ranks
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.learning_curves import Curve, plot_curves
-from swarmdata.runtime.output_folder import OutputKind, filled
+from swarmdata.runtime.output_folder import OutputKind, filled, remove_others
 from swarmdata.specs.frozen import Frozen
 from swarmdata.types import Double
 
@@ -118,6 +118,8 @@ class Tuning(Frozen):
                 chosen = self.trials[self.choice(rule)].config
                 text = yaml.safe_dump(chosen, sort_keys=False) if chosen else "{}\n"
                 (written / f"{rule}.yaml").write_text(text, encoding="utf-8")
+            kept = {path.name for path in written.iterdir()}
+        remove_others(folder, TUNING, kept)
 
     def to_csv(self) -> str:
         """One row for each trial; what is unknown is empty."""

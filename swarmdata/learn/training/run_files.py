@@ -57,6 +57,12 @@ def run_folders(folder: Path) -> tuple[Path, ...]:
     return tuple(file.parent for file in files)
 
 
+def run_names(runs: Sequence[Path]) -> list[str]:
+    """Names of runs: those of their folders, or their paths if two folders have the same name."""
+    names = [run.resolve().name for run in runs]
+    return names if len(set(names)) == len(names) else [str(run) for run in runs]
+
+
 def group_folder(out: Path, seeds: Sequence[int]) -> Path:
     """Where one of several processes trains its share of the seeds of a run."""
     return out / f"seeds-{'-'.join(map(str, seeds))}"

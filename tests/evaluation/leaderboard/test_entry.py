@@ -86,3 +86,10 @@ def test_neither_a_pipe_nor_a_huge_file_is_read(tmp_path: Path) -> None:
     for name, reason in (("pipe", "is a pipe"), ("huge", "has more than 25000000 bytes")):
         with pytest.raises(FileKindError, match=reason):
             sha256(tmp_path / name)
+
+
+def test_a_task_of_several_sides_has_no_entries(tmp_path: Path) -> None:
+    """A file of ONNX would play the opponents too."""
+    files = [tmp_path / f"theirs-{k}.onnx" for k in range(N_SEEDS)]
+    with pytest.raises(SpecError, match="tag-medium is of tag, whose sides need opponents"):
+        submit(files, tmp_path / "entry", "tag-medium", name="mine", **ABOUT)

@@ -80,6 +80,13 @@ def test_only_what_is_missing_is_evaluated(alone: Path, tmp_path: Path) -> None:
     assert [each.path is not None for each in collect_evaluations(every)] == [True] * len(every)
 
 
+def test_results_of_one_name_are_refused_before_any_evaluation(tmp_path: Path) -> None:
+    names = ("evaluate", "medium", "expert", "--label", "team", "--episodes", N)
+    message = run(*names, "--out", tmp_path / "out", code=1)
+    assert "two of the policies would have the result team--" in message
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_process_with_another_policy_refuses(tmp_path: Path) -> None:
     (wanted,) = evaluations(tmp_path, "scripted")
     job = wanted.job(again=False, n_threads=1)

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from swarmdata.errors import SchemaError
+from swarmdata.evaluation.results import report
 from swarmdata.evaluation.results.report import REPORT, shown_cases, tables_of, write_report
 from swarmdata.evaluation.results.result_files import save_result
 from swarmdata.evaluation.results.result_set import group_results
@@ -46,8 +47,25 @@ def test_results_of_other_environments_have_a_table_and_no_scores(tmp_path: Path
     pytest.importorskip("matplotlib", reason="the report has pictures")
     save_result(foreign(**{"return": [1.0, 2.0], "length": [3.0, 5.0]}), tmp_path / "results")
     write_report([tmp_path / "results"], tmp_path / "out", suffix=".svg")
+    write_report([tmp_path / "results"], tmp_path / "out", suffix=".png")
+    assert not [*tmp_path.glob("out/*.svg")], "of the earlier report"
     names = {path.stem for path in (tmp_path / "out").iterdir()}
     assert names - {".swarmdata-files"} == {"table", "report", "runs", "marl-eval"}
+
+
+@pytest.mark.usefixtures("empty_figures")
+def test_runs_whose_folders_have_one_name_have_a_curve_each(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_result(result(), tmp_path / "results")
+    runs, drawn = [tmp_path / dataset / "bc" for dataset in ("a", "b")], list[str]()
+    for run in runs:
+        run.mkdir(parents=True)
+        (run / "config.json").touch()
+        (run / "curve.csv").write_text("update,seed,success\n10,0,0.5\n20,0,0.5\n")
+    monkeypatch.setattr(report, "plot_curves", lambda curves, *_, **__: drawn.extend(curves))
+    write_report([tmp_path / "results"], tmp_path / "out", runs=runs)
+    assert drawn == list(map(str, runs))
 
 
 def test_unknown_pictures_are_refused(tmp_path: Path) -> None:

@@ -171,6 +171,25 @@ def test_without_collisions_a_small_budget_is_not_yet_kept() -> None:
         assert (high <= 0.0) == is_kept
 
 
+def test_one_episode_over_a_budget_is_no_more_certain_than_none() -> None:
+    found = []
+    for n_over in (0, 1):
+        made = [result(index=k, n=60) for k in range(5)]
+        costs = np.zeros((5, 60))
+        costs[0, :n_over] = 1.0
+        (case,) = group_results(
+            [
+                replace(each, evaluation=replace(
+                    each.evaluation, metrics={**each.evaluation.metrics, "robot_collisions": row}
+                ))
+                for each, row in zip(made, costs, strict=True)
+            ]
+        ).cases  # fmt: skip
+        row = cells(budget_table(case, {"robot_collisions": 0.5}), "bc")
+        found.append(row["robot_collisions_over_budget_share"].high)
+    assert found[0] <= found[1]
+
+
 def test_a_budget_is_kept_or_not() -> None:
     made = result(n=40)
     (case,) = group_results([made]).cases

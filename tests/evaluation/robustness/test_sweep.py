@@ -26,6 +26,7 @@ from swarmdata.evaluation.robustness.sweep import SWEEP, plan_sweep, run_sweep
 from swarmdata.evaluation.robustness.sweep_axes import Axis, parse_axis
 from swarmdata.evaluation.robustness.sweep_tables import Degradation, change_of, estimates_of
 from swarmdata.evaluation.runs.train import train
+from swarmdata.interop.exported_policies import export_policy
 from swarmdata.registry.published import Reference
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import Robot, Role, TaskSpec
@@ -91,6 +92,14 @@ def test_a_sweep_leaves_results_tables_and_figures(swept: Path) -> None:
     assert f"the same {N} evaluation seeds" in text
     rows = [row for row in csv_rows((swept / "sweep.csv").read_text()) if row["metric"] == "return"]
     assert [row["value"] for row in rows] == ["0.0", "0.3", "0.6", "0.0", "0.2"]
+
+
+@pytest.mark.usefixtures("empty_figures")
+def test_figures_of_axes_that_are_no_longer_swept_go(runs: Path, tmp_path: Path) -> None:
+    for axes in ([DROP, NOISE], [DROP]):
+        swept_to(tmp_path, [runs / "talks"], axes, n_episodes=1)
+    assert {path.stem for path in tmp_path.glob("*.png")} == {"communication-drop"}
+    assert (tmp_path / "results" / "observation-noise-0.2").exists()
 
 
 def test_a_point_is_what_evaluate_measures(swept: Path, runs: Path, tmp_path: Path) -> None:
@@ -185,6 +194,13 @@ def test_a_run_on_another_dataset_or_view_is_another_line(runs: Path, tmp_path: 
         swept_to(tmp_path / "none", [runs / "silent", again], [NOISE])
     with pytest.raises(ResultsError, match="two runs have the label 'silent'"):
         swept_to(tmp_path / "out", [again], [NOISE])
+
+
+def test_a_policy_of_another_library_is_swept(runs: Path, tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime", reason="a file of ONNX acts")
+    file = export_policy(str(runs / "silent"), tmp_path / "theirs.onnx")
+    planned = plan_sweep([str(file)], [NOISE], tmp_path / "out", n_episodes=N)
+    assert [*planned.points()] == ["theirs/trained", "theirs/observation-noise-0.2"]
 
 
 def test_what_says_nothing_is_refused_before_anything_is_measured(

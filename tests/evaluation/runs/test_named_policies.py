@@ -13,10 +13,14 @@ import swarmdata
 from swarmdata.behavior_policies.learned import Learned
 from swarmdata.errors import CheckpointError, PolicyFitError, SpecError, UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
+from swarmdata.evaluation.runs.named_policies import find_opponents
 from swarmdata.evaluation.runs.trained_policies import label_of, read_trained
 from swarmdata.interfaces import Policy
+from swarmdata.registry.presets import preset
 from swarmdata.registry.recipes import sources
+from swarmdata.runtime.own_components import code_of
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.own_task import nothing_registered
 
 
 @pytest.fixture(scope="module")
@@ -129,3 +133,12 @@ def test_the_dataset_is_no_part_of_the_label(name: str) -> None:
 def test_a_folder_without_a_run_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CheckpointError, match="is not a run folder"):
         read_trained(tmp_path)
+
+
+def test_results_against_own_opponents_say_which_code_they_had() -> None:
+    tag = preset("tag")
+    assert find_opponents("random", "pursuers", tag) == ("random", "random")
+    with nothing_registered():
+        swarmdata.register_policy("mine", "swarmdata.behavior_policies.simple:Random")
+        code = str(code_of("policies", "mine"))
+        assert find_opponents("mine", "pursuers", tag) == ("mine", f"mine@{code[:8]}")

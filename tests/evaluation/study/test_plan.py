@@ -90,6 +90,10 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
             {"information": {**SEEN, "online": ["x"]}, "online": {"x": {"run": "runs/x"}}},
             "information.online has x, a finished run",
         ),
+        (
+            {"information": {**SEEN, "views": {"near": {"observation": "near.yaml"}}}},
+            r"information\.views\.near\.observation: got 'near.yaml', expected the name",
+        ),
         ({"information": {**SEEN, "transfer": ["other"]}}, r"information\.transfer has 'other'"),
         (
             {"tasks": {"datasets": [], "algorithms": ["sets"], "tasks": ["coop_nav-n8"]}},

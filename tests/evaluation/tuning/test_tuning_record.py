@@ -1,6 +1,7 @@
 """What a tuning chooses, and what k trials can be expected to find."""
 
 from itertools import combinations
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,6 +61,15 @@ def test_rules_choose_by_scores_and_by_ranks_over_datasets() -> None:
     assert made.criterion("offline").tolist() == [2.5, 1.5, 2.0, -np.inf]  # not the largest value
     assert made.choice("offline") == 0
     assert made.curve("offline")[-1] == 6.0
+
+
+@pytest.mark.usefixtures("empty_figures")
+def test_a_choice_of_an_earlier_tuning_does_not_stay(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib", reason="a tuning has a figure")
+    tuning(trial(5.0, 1.0), trial(9.0, 0.0)).write(tmp_path)
+    tuning(trial(5.0, 1.0), trial(9.0, 0.0), n_episodes=0).write(tmp_path)
+    kept = {path.name for path in tmp_path.iterdir() if not path.name.startswith(".")}
+    assert kept == {"tuning.json", "tuning.md", "trials.csv", "offline.yaml"}
 
 
 def test_the_table_has_a_row_for_each_trial() -> None:

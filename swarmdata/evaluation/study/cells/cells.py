@@ -12,6 +12,8 @@ from pydantic import Field
 
 from swarmdata import __version__
 from swarmdata.errors import SpecError
+from swarmdata.evaluation.runs.named_policies import opponents_hash
+from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.runs.provenance import code_version
 from swarmdata.evaluation.study.cells.study_data import (
     changed_rewards,
@@ -20,13 +22,14 @@ from swarmdata.evaluation.study.cells.study_data import (
     recorded_task,
     short_count,
     short_name,
+    task_name,
 )
 from swarmdata.evaluation.study.plan import Study, Variant, View
 from swarmdata.learn.training.run_files import CONFIG, last_policy_path, run_folders, seeds_of
 from swarmdata.learn.training.settings import as_texts, check_effects, override, unmet_needs
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
-from swarmdata.registry.presets import find_spec
+from swarmdata.registry.presets import find_spec, preset_names
 from swarmdata.specs.frozen import Frozen, describe_differences
 from swarmdata.specs.model_choice import with_models
 
@@ -41,6 +44,8 @@ ONLINE_FAMILY = "online"
 
 FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run"}
 """Fields that affect no result, or that `digest` covers, as it does paths of files."""
+
+YOUNGER_FIELDS = ("rewards", "side", "opponents", "opponents_hash")  # than cells without them
 
 YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}  # younger than studies; change nothing
 
@@ -62,7 +67,7 @@ class Cell(Frozen):
     source: str = ""  # dataset to load, name of a mixture, or task to train in
     parts: dict[str, float] = Field(default_factory=dict)  # of a mixture: weights of datasets
     run: str = ""  # folder of a finished run
-    digest: str  # of the dataset, of parts with weights, or of a run's configuration and policies
+    digest: str  # of the dataset, of parts with weights, of a run, or of a task in a file
     n_steps: int | None = None  # uses only the first episodes of the dataset
     observation: str | None = None  # model for training and evaluation; None: as recorded
     communication: str | None = None
@@ -70,6 +75,7 @@ class Cell(Frozen):
     rewards: dict[str, float] = Field(default_factory=dict)  # other weights to learn from
     side: str | None = None  # that learns, in a task of several
     opponents: str | None = None  # who plays the other sides in the evaluation
+    opponents_hash: str | None = None  # of their run or own code; None: they are of the package
     seeds: tuple[int, ...]
     n_episodes: int  # of the evaluation; 0: none, as where the data have no simulator
     block: SeedBlock = "evaluation"
@@ -86,8 +92,8 @@ class Cell(Frozen):
     @property
     def key(self) -> str:
         """Hash of everything that determines the results."""
-        content = self.model_dump(mode="json", exclude=FIELDS_OUTSIDE_KEY)
-        for name in ("rewards", "side", "opponents"):  # younger than the keys of cells without
+        content = without_places(self.model_dump(mode="json", exclude=FIELDS_OUTSIDE_KEY))
+        for name in YOUNGER_FIELDS:
             if not content[name]:
                 del content[name]
         for name, value in YOUNGER_SETTINGS.items():  # the same for cells without these settings
@@ -253,15 +259,25 @@ def offline_cell(
         frame=variant.frame,
         rewards={} if variant.rewards is None else changed_rewards(dataset, variant.rewards),
         side=side,
-        opponents=None if side is None else study.sides[side],
+        **_opponents(study, side),
         seeds=study.seeds,
         n_episodes=study.episodes,
         block=study.block,
-        code_version=code_version(algorithms=variant.algorithm),
+        code_version=code_version(algorithms=variant.algorithm, tasks=_task(study, dataset)),
         curve_every=every,
         curve_episodes=curves.episodes if curves else 64,
         device=study.device,
     )
+
+
+def _opponents(study: Study, side: str | None) -> dict[str, Any]:
+    """Who plays the other sides, and what their name does not say."""
+    name = None if side is None else study.sides[side]
+    return {"opponents": name, "opponents_hash": None if name is None else opponents_hash(name)}
+
+
+def _task(study: Study, dataset: str) -> str:
+    return task_name(next(iter(study.mixtures.get(dataset, (dataset,)))))
 
 
 def config_of(study: Study, variant: Variant) -> dict[str, Any]:
@@ -307,7 +323,7 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
     assert baseline.task is not None
     kind = resolve("algorithm", ONLINE_ALGORITHMS, baseline.algorithm)
     length = {} if baseline.frames is None else {"n_steps": baseline.frames}
-    settings = baseline.settings
+    settings, task = baseline.settings, find_spec(baseline.task)
     config = _json(_changed(kind.Config(), {**length, **settings}, own=settings))
     return Cell(
         kind="online",
@@ -315,12 +331,10 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
         algorithm=baseline.algorithm,
         config=config,
         source=baseline.task,
-        digest="",
+        digest="" if baseline.task in preset_names() else task.hash(),
         observation=view.observation,
         communication=view.communication,
-        code_version=code_version(
-            online_algorithms=baseline.algorithm, tasks=find_spec(baseline.task).task
-        ),
+        code_version=code_version(online_algorithms=baseline.algorithm, tasks=task.task),
         seeds=study.seeds,
         **shared,
     )

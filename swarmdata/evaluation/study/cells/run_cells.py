@@ -93,8 +93,12 @@ def remove_stale(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
             "run them again, or name another folder to keep them."
         )
     for cell, _ in stale:
-        with locked(cell.folder(work)):  # waits for a process that is running the cell
-            shutil.rmtree(cell.folder(work))
+        folder = cell.folder(work)
+        with locked(folder):  # waits for a process that is running the cell
+            if cell.conflict(folder) is not None:  # that process may have run this very cell
+                for part in filter(Path.is_dir, folder.iterdir()):  # `cell.json` goes after them
+                    shutil.rmtree(part)
+                shutil.rmtree(folder)
 
 
 def count_updates(cell: Cell, folder: Path) -> int:

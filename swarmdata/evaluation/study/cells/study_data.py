@@ -155,6 +155,12 @@ def changed_rewards(dataset: str, choice: RewardChoice) -> dict[str, float]:
     return found
 
 
+def task_name(dataset: str) -> str:
+    """Returns the name of the task of a dataset, whose code may be a user's."""
+    found = find_recipe(dataset) if is_dataset(dataset) else load(dataset, progress=False)
+    return found.spec.task
+
+
 def recorded_task(dataset: str, what: str) -> TaskSpec:
     """Returns the task of a dataset, for `what`; raises SpecError where it has no simulator."""
     recipe = find_recipe(dataset) if is_dataset(dataset) else load(dataset).recipe

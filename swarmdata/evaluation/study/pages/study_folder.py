@@ -3,7 +3,7 @@
 import math
 import shutil
 import tempfile
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
@@ -61,9 +61,9 @@ from swarmdata.evaluation.study.shifts.shift import (
     transfer_section,
     write_shifts,
 )
-from swarmdata.evaluation.study.shifts.sweeps import read_sweeps, sweep_sections
+from swarmdata.evaluation.study.shifts.sweeps import read_sweeps, sweep_sections, sweep_table
 from swarmdata.rollouts.score_intervals import target_of
-from swarmdata.runtime.output_folder import OutputKind, filled, listed_files
+from swarmdata.runtime.output_folder import OutputKind, filled, remove_others
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.rules import words_of_rewards
 from swarmdata.store import write_file
@@ -120,14 +120,9 @@ def write_pages(
             write_shifts(rows, folder / name)
         write_archive(found, notes, folder / ARCHIVE_FILE)
         files = _write_from_archive(folder, out)
-    remove_left(out, {name for name in shifts if out / name not in files})
+    sweeps = {sweep_table(label) for label in found.study.sweeps}
+    remove_others(out, STUDY, sweeps.union(file.relative_to(out).as_posix() for file in files))
     return files
-
-
-def remove_left(out: Path, names: Collection[str]) -> None:
-    """Removes what an earlier plan, or results that are gone, left in a study's folder."""
-    for name in listed_files(out, STUDY).intersection(names):
-        (out / name).unlink(missing_ok=True)
 
 
 def rewrite_pages(out: Path) -> list[Path]:
@@ -253,7 +248,8 @@ def _scores(found: Findings, out: Path) -> str:
         scale = "0 is the better of an idle and a random team, 100 the expert."
     shown = {without_version(name): board.in_shown_units(name) for name in board.estimates}
     n_lines = math.ceil(len(shown) / MAX_PANELS_IN_A_LINE)
-    if fits_on_a_screen(len(board.families), n_lines):
+    is_known = board.data.keys() >= board.estimates.keys()
+    if fits_on_a_screen(len(board.families), n_lines) or not is_known:
         plot_by_dataset(
             shown, board.shown_data, found.looks, out / "scores.png", label=board.column.label,
             families=board.families, shares_axis=is_score,

@@ -33,7 +33,6 @@ from swarmdata.evaluation.study.pages.collect_results import Findings, results_o
 from swarmdata.evaluation.study.pages.data_views import view_cells
 from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.specs.model_choice import Source
-from swarmdata.specs.plain_names import without_version
 from swarmdata.store import write_file
 
 TRANSFER_FILE = "transfer.csv"
@@ -146,11 +145,10 @@ def task_section(found: Findings, rows: Sequence[Shifted], out: Path) -> dict[st
 
 def _plot_tasks(found: Findings, rows: Sequence[Shifted], path: Path) -> None:
     board = found.board("success")
-    trained = {without_version(name): board.in_shown_units(name) for name in board.estimates}
     cells: dict[tuple[str, str], MatrixCell] = {}
     names: dict[str, list[str]] = {}
     for (dataset, label), group in _grouped(rows).items():
-        own = trained[without_version(dataset)][label].value
+        own = board.in_shown_units(found.dataset_ids[dataset])[label].value
         name = f"{dataset}: {label}"
         names.setdefault(dataset, []).append(name)
         cells[name, TRAINED] = MatrixCell(own, 0.0)

@@ -89,9 +89,9 @@ def run_sweeps(
         axis = parse_axis(plan.axis, plan.vary, plan.points)
         sweep = plan_sweep(names, [axis], folder, n_episodes=each.n_episodes, block=each.block)
         run_sweep(sweep, **options)
-        page_folder = out / SWEEPS_FOLDER / each.label
-        page_folder.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(folder / SWEEP_FILE, page_folder / SWEEP_FILE)
+        table = out / sweep_table(each.label)
+        table.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(folder / SWEEP_FILE, table)
 
 
 SWEEPS_FOLDER = "sweeps"  # of results in the folder of cells, and of tables beside the page
@@ -101,9 +101,14 @@ FIGURE = "robustness.png"
 SOLVED = tuple(QUANTITIES[key].column for key in ("success", "clean_success"))
 
 
+def sweep_table(label: str) -> str:
+    """The table of a sweep, relative to the folder of the page."""
+    return f"{SWEEPS_FOLDER}/{label}/{SWEEP_FILE}"
+
+
 def read_sweeps(study: Study, folder: Path) -> dict[str, Degradation]:
     """Reads the sweeps of a study's plan that stand beside its page, by label."""
-    files = {label: folder / SWEEPS_FOLDER / label / SWEEP_FILE for label in sorted(study.sweeps)}
+    files = {label: folder / sweep_table(label) for label in sorted(study.sweeps)}
     return {label: read_csv(file) for label, file in files.items() if file.exists()}
 
 
@@ -125,7 +130,7 @@ def _section(study: Study, label: str, found: Degradation) -> tuple[str, str]:
     return f"Robustness: {found.part} {found.name}", (
         f"Data: {without_version(short_name(plan.dataset))}{f', {seen}' if seen else ''}; "
         f"{found.n_episodes:,} seeds at each value; changes are paired by training seed and "
-        f"episode. [All values]({SWEEPS_FOLDER}/{label}/{SWEEP_FILE}).\n\n"
+        f"episode. [All values]({sweep_table(label)}).\n\n"
         f"{_table(label, found)}"
     )
 

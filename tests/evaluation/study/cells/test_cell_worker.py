@@ -22,6 +22,8 @@ from swarmdata.evaluation.study.cells.cells import (
     cells_of,
 )
 from swarmdata.evaluation.study.cells.study_data import DatasetFacts, digest_of, open_dataset
+from swarmdata.evaluation.study.pages import study_folder
+from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.run_study import run_study
 from swarmdata.learn.training.checkpoint import load_checkpoint
@@ -121,7 +123,7 @@ def test_a_cell_learns_from_a_mixture(
 
 @pytest.mark.slow
 def test_sides_learn_from_their_rows_and_play_against_others(
-    make_study: Make, here: None, tmp_path: Path
+    make_study: Make, here: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec = preset("tag").with_updates(horizon=40)
     evader = PolicySource(label="evader", name="random")
@@ -142,6 +144,8 @@ def test_sides_learn_from_their_rows_and_play_against_others(
     with (options.out / "results.csv").open() as file:
         seen = {(row["dataset"], row["task"]) for row in csv.DictReader(file)}
     assert seen == {(f"tag-tiny-v0@{k}", f"tag: {k} against {v}") for k, v in sides.items()}
+    monkeypatch.setattr(study_folder, "fits_on_a_screen", lambda n_rows, n_lines: False)
+    rewrite_pages(options.out)  # as one of many rows, without a mean of the data to compare with
     for changed, message in (
         ({"pursuers": "scriptd"}, "Did you mean 'scripted'"),
         ({"pursuer": "scripted"}, "Did you mean 'pursuers'"),

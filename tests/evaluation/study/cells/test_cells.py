@@ -1,5 +1,6 @@
 """What a study asks for: cells with complete configurations, and keys of all that decides them."""
 
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -111,7 +112,7 @@ OTHERS: dict[str, Any] = {
     "kind": "online", "label": "x", "data": "x", "family": "x", "algorithm": "x", "source": "x",
     "config": {"n_updates": 21}, "run": "x", "digest": "e" * 64, "n_steps": 7, "observation": "x",
     "communication": "x", "frame": "world", "rewards": {"time": 1.0}, "parts": {"x": 1.0},
-    "side": "x", "opponents": "x",
+    "side": "x", "opponents": "x", "opponents_hash": "x",
     "seeds": (0, 2), "n_episodes": 5, "curve_every": 3, "block": "validation",
     "device": "cuda", "curve_episodes": 3, "code_version": "x",
 }  # fmt: skip
@@ -124,8 +125,37 @@ def test_keys_change_with_all_that_decides(make_study: Make, name: str) -> None:
     assert (other.key == cell.key) == (name in FIELDS_OUTSIDE_KEY)
 
 
-def test_two_cells_of_one_name_are_refused(make_study: Make, tmp_path: Path) -> None:
-    folders = [str(tmp_path / part / "same") for part in "ab"]
+def test_keys_change_with_files_and_code_that_only_their_names_are_in(
+    make_study: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def keys(**changes: Any) -> list[str]:
+        return [cell.key for cell in cells(make_study(**changes)).values()]
+
+    task = tmp_path / "mine.yaml"
+    task.write_text(preset("coop_nav").to_yaml())
+    online = {"on": {"algorithm": "mappo", "task": str(task), "frames": 500}}
+    before = keys(online=online)
+    task.write_text(preset("coop_nav").with_updates(horizon=50).to_yaml())
+    assert [a == b for a, b in zip(before, keys(online=online), strict=True)] == [1, 1, 0]
+
+    run = tmp_path / "evader"
+    run.mkdir()
+    (run / "config.json").write_text('{"seeds": [3], "dataset": "x"}')
+    sides = {"pursuers": "scripted", "evader": str(run)}
+    before = keys(sides=sides)
+    (run / "checkpoint.safetensors").write_bytes(b"trained further")
+    assert [a == b for a, b in zip(before, keys(sides=sides), strict=True)] == [1, 1, 0, 0]
+    before, moved = keys(sides=sides), tmp_path / "there" / "evader"
+    shutil.copytree(run, moved)
+    assert keys(sides=sides | {"evader": str(moved)}) == before, "archives leave places out"
+
+    before = keys()
+    monkeypatch.setattr("swarmdata.evaluation.runs.provenance.own_codes", lambda **used: used)
+    assert not {*before} & {*keys()}, "the code of a task of a user"
+
+
+def test_two_cells_of_one_name_are_refused(make_study: Make, data: Path, tmp_path: Path) -> None:
+    folders = [str(shutil.copytree(data, tmp_path / part / "same")) for part in "ab"]
     with pytest.raises(SpecError, match="two different cells are called bc/same"):
         cells(make_study(datasets=folders))
 

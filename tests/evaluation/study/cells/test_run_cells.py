@@ -1,15 +1,22 @@
 """All cells: the longest first, failures apart, stale ones refused."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from swarmdata.errors import StaleCellError, UnknownNameError
 from swarmdata.evaluation.study.cells.cell_costs import Attempt, Cost, CostMeter
 from swarmdata.evaluation.study.cells.cells import COST_FILE, Cell, cells_of
-from swarmdata.evaluation.study.cells.run_cells import longest_first, run_cells, select_cells
+from swarmdata.evaluation.study.cells.run_cells import (
+    longest_first,
+    remove_stale,
+    run_cells,
+    select_cells,
+)
 from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.runtime.locking import locked
 from tests.evaluation.study.conftest import BC, Make
 
 
@@ -42,6 +49,24 @@ def test_stale_cells_are_refused_and_done_again_when_asked(
     assert before[0].is_done(before[0].folder(tmp_path))
     run_cells(after[:1], tmp_path, again=True, progress=False)
     assert after[0].is_done(after[0].folder(tmp_path))
+
+
+@pytest.mark.usefixtures("here")
+def test_a_cell_that_another_process_did_again_stays(
+    make_study: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (before,), (after,) = (cells(make_study(algorithms={"bc": BC}, episodes=n)) for n in (2, 3))
+    run_cells([before], tmp_path, progress=False)
+    lock = "swarmdata.evaluation.study.cells.run_cells.locked"
+
+    def wait(folder: Path) -> Any:
+        monkeypatch.setattr(lock, locked)
+        run_cells([after], tmp_path, again=True, progress=False)  # by the one that is waited for
+        return locked(folder)
+
+    monkeypatch.setattr(lock, wait)
+    remove_stale([after], tmp_path, again=True)
+    assert after.is_done(after.folder(tmp_path))
 
 
 def test_the_longest_cells_begin_first(make_study: Make, tmp_path: Path) -> None:

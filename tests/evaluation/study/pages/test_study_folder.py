@@ -106,6 +106,17 @@ def test_the_core_has_aggregates_of_its_datasets_alone(tmp_path: Path) -> None:
     assert table["bc", "maddpg_bc"] == pytest.approx(difference) == -table["maddpg_bc", "bc"]
 
 
+def test_what_the_plan_no_longer_asks_for_goes(
+    study: Study, finished: StudyOptions, tmp_path: Path
+) -> None:
+    options = replace(finished, out=shutil.copytree(finished.out, tmp_path / "out"))
+    (options.out / "mine.png").touch()
+    _, files = run_study(study.model_copy(update={"losses": {}}), options, "x")
+    left = {path for path in options.out.iterdir() if path.suffix != ".json"}
+    assert left - {*files} == {options.out / "mine.png"}
+    assert options.out / "losses-q.png" not in files
+
+
 @pytest.mark.slow
 def test_a_mixture_is_a_dataset_of_its_own(
     data: Path, other_data: Path, make_study: Make, tmp_path: Path

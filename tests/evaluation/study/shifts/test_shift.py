@@ -23,27 +23,29 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
     caplog: pytest.LogCaptureFixture,
 ) -> None:
     tasks = ["coop_nav-easy", "coop_nav-n8"]
+    data = shutil.copytree(data, tmp_path / "mine")  # another name than the id of the data
     plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
-    study = make_study(algorithms={"bc": BC, "sets": SETS}, seeds=[0], tasks=plan)
+    both = {"bc": BC, "sets": SETS}
+    study = make_study(datasets=[str(data)], algorithms=both, seeds=[0], tasks=plan)
     failures, files = run_study(study, options, "x")
     assert failures == {}
     page = files[0].read_text()
-    assert f"| coop_nav-tiny-v0: success (%) | {' | '.join(tasks)} |" in page
-    rows = rows_below(page, "Other places", "coop_nav-tiny-v0: success (%)")
+    assert f"| mine: success (%) | {' | '.join(tasks)} |" in page
+    rows = rows_below(page, "Other places", "mine: success (%)")
     assert rows["`bc`"][1] == "other inputs"
     assert "other inputs" not in rows["`sets`"]
     kept = {path.relative_to(tmp_path / "work/tasks") for path in tmp_path.glob("work/tasks/*/*/*")}
     assert kept == {
-        Path("bc/coop_nav-tiny-v0/coop_nav-easy"),
-        Path("sets/coop_nav-tiny-v0/coop_nav-easy"),
-        Path("sets/coop_nav-tiny-v0/coop_nav-n8"),
+        Path("bc/mine/coop_nav-easy"),
+        Path("sets/mine/coop_nav-easy"),
+        Path("sets/mine/coop_nav-n8"),
     }
     again, _ = run_study(study, options, "x")
     assert again == {}
     assert files[0].read_text() == page
-    shutil.rmtree(tmp_path / "work/cells/sets/coop_nav-tiny-v0/sets")  # as an archive leaves it
+    shutil.rmtree(tmp_path / "work/cells/sets/mine/sets")  # as an archive leaves it
     assert run_study(study, options, "x")[0] == {}
-    assert "sets/coop_nav-tiny-v0 has no policies in" in caplog.text
+    assert "sets/mine has no policies in" in caplog.text
 
 
 def test_unknown_tasks_are_refused_before_the_training(

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -76,3 +77,14 @@ def test_the_best_of_each_family_is_swept(
     page = collect_study(study, options, "x")[0].read_text()
     assert "## Robustness: communication drop" not in page, "a cell of the sweep is gone"
     assert "## Robustness: observation noise" in page
+
+
+def test_nothing_is_trained_where_only_finished_cells_are_evaluated(
+    data: Path, make_study: Make, options: StudyOptions, tmp_path: Path
+) -> None:
+    plan = {"dataset": str(data), "vary": "communication", "axis": "drop=0,0.5",
+            "communication": "perfect"}  # fmt: skip
+    study = make_study(algorithms={"bc": BC}, seeds=[0], sweeps={"loss": plan})
+    run_one_cell(study, "bc/coop_nav-tiny-v0", options)
+    run_study(study, replace(options, shifts_only=True), "x")
+    assert [each.name for each in tmp_path.glob("work/cells/*/*")] == ["coop_nav-tiny-v0"]
