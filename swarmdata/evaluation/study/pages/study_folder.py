@@ -3,7 +3,8 @@
 import math
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
@@ -14,7 +15,15 @@ from swarmdata.evaluation.figures.dot_plot import (
     fits_on_a_screen,
     plot_by_dataset,
 )
+from swarmdata.evaluation.results.aggregates import (
+    comparable_scores,
+    differences,
+    mean_over_datasets,
+)
 from swarmdata.evaluation.results.estimate_table import to_csv
+from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
+from swarmdata.evaluation.results.result_set import ResultSet
+from swarmdata.evaluation.results.result_tables import aggregate_table
 from swarmdata.evaluation.robustness.sweep_tables import Degradation
 from swarmdata.evaluation.runs.portable_names import without_folders, without_places
 from swarmdata.evaluation.study.cells.study_data import short_name
@@ -31,9 +40,8 @@ from swarmdata.evaluation.study.pages.row_differences import (
     differences_sections,
     distance_table,
 )
-from swarmdata.evaluation.study.pages.safety import safety_sections
-from swarmdata.evaluation.study.pages.score_aggregates import aggregate_sections, core_rows
-from swarmdata.evaluation.study.pages.scoreboard import plot_beside_data
+from swarmdata.evaluation.study.pages.safety import MAX_ALGORITHMS_IN_MATRIX, safety_sections
+from swarmdata.evaluation.study.pages.scoreboard import make_scoreboard, plot_beside_data
 from swarmdata.evaluation.study.pages.study_tables import (
     cost_rows,
     cost_table,
@@ -63,6 +71,7 @@ from swarmdata.evaluation.study.shifts.shift import (
 )
 from swarmdata.evaluation.study.shifts.sweeps import read_sweeps, sweep_sections, sweep_table
 from swarmdata.rollouts.score_intervals import target_of
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.output_folder import OutputKind, filled, remove_others
 from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.rules import words_of_rewards
@@ -151,7 +160,7 @@ def _write_from_archive(folder: Path, out: Path) -> list[Path]:
         tables: dict[str, Sequence[Mapping[str, object]]] = {
             ESTIMATES_FILE: estimate_rows(found),
             "differences.csv": difference_rows(found),
-            "core.csv": core_rows(found),
+            "core.csv": _core_rows(found),
             "views.csv": view_rows(found),
         }
         for name, rows in tables.items():
@@ -172,7 +181,7 @@ def _made(found: Findings, out: Path, command: str, sweeps: Mapping[str, Degrada
         ("Online algorithms", online),
         ("Comparison with the data", f"{DATA_CAPTION}\n\n{distance_table(found)}"),
         *safety_sections(found, out).items(),
-        *aggregate_sections(found, out).items(),
+        *_aggregate_sections(found, out).items(),
         *differences_sections(found, out),
         *size_section(found, out).items(),
         *information_section(found, out).items(),
@@ -261,6 +270,60 @@ def _scores(found: Findings, out: Path) -> str:
         f"by episode, is not clearly below 0.\n\n{scoreboard_table(board)}\n"
         f"![{board.column.label} by dataset](scores.png)\n"
     )
+
+
+def _aggregate_sections(found: Findings, out: Path) -> dict[str, str]:
+    """The sections by title; none of fewer than two rows or datasets."""
+    sections, results, core = {}, found.results, _core(found)
+    if body := _aggregates(results, out / "differences.png"):
+        plot_score_profiles(comparable_scores(results).tables, found.looks, out / "profiles.png")
+        body += "\n![share of runs above a score](profiles.png)\n"
+        sections["Aggregates over datasets"] = body
+    if body := _aggregates(core, out / "core-differences.png"):
+        on_all = comparable_scores(core).tables
+        families = {label: family for label, family in found.families.items() if label in on_all}
+        plot_beside_data(make_scoreboard(core, families, "score"), out / "core.png")
+        title = f"The core: {len(on_all)} rows on {len(core.cases)} datasets"
+        sections[title] = f"![score by dataset](core.png)\n\n{body}"
+    return sections
+
+
+def _core_rows(found: Findings) -> list[dict[str, object]]:
+    """The mean score over the core of each row that is on all of it, alone and minus each other."""
+    tables = comparable_scores(_core(found)).tables
+
+    def measured() -> Iterator[tuple[str, str, Estimate]]:
+        for label, table in tables.items():
+            yield label, "", mean_over_datasets(table)
+        for (label, other), each in differences(tables).items():
+            yield label, other, each
+
+    return [
+        {"label": label, "minus": other, "mean": each.value, "low": each.low, "high": each.high}
+        for label, other, each in measured()
+    ]
+
+
+def _core(found: Findings) -> ResultSet:
+    """The results on the core alone."""
+    ids = {found.dataset_ids.get(short_name(name)) for name in found.study.core}
+    cases = tuple(case for case in found.results.cases if case.name in ids)
+    return replace(found.results, cases=cases)
+
+
+def _aggregates(results: ResultSet, figure: Path) -> str:
+    """Aggregates of the rows that are on all datasets, whose differences are drawn to a file.
+
+    Empty if there are fewer than two rows or datasets.
+    """
+    tables = comparable_scores(results).tables
+    if len(tables) < 2 or len(results.cases) < 2:
+        return ""
+    body = aggregate_table(results).to_markdown()
+    if 2 < len(tables) <= MAX_ALGORITHMS_IN_MATRIX:  # of two, the table has the one difference
+        plot_differences(tables, figure)
+        body += f"\n![paired differences of scores]({figure.name})\n"
+    return body
 
 
 def page_with(made: str, file: Path, title: str) -> str:
