@@ -9,12 +9,12 @@ import pytest
 import torch
 
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import CheckpointError, SchemaError, SpecError
+from swarmdata.errors import CheckpointError, DiskFullError, SchemaError, SpecError
 from swarmdata.evaluation.runs import train as training
 from swarmdata.evaluation.runs.train import train_online
 from swarmdata.learn.networks.critics import RobotCritics
 from swarmdata.learn.training.compact import compact
-from swarmdata.learn.training.run_files import CHECKPOINT
+from swarmdata.learn.training.run_files import CHECKPOINT, read_table
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.settings import override
 from swarmdata.learn.training.trainer import train_seeds
@@ -106,6 +106,22 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
     train_online(
         algorithm, task, out, seeds=SEEDS, changes=changes, start=run, progress=False, **options
     )
+
+
+def test_a_start_that_a_full_disk_interrupts_goes_on_in_its_folder(
+    runs: dict[str, Path], task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tables were left without the `config.json` that makes the folder a run's."""
+
+    def full(*arguments: Any) -> dict[str, float]:
+        raise DiskFullError("no space was left")
+
+    with monkeypatch.context() as patch, pytest.raises(DiskFullError):
+        patch.setattr(online_training, "measure", full)
+        start("maddpg", task, tmp_path / "run", runs["bc"])
+    start("maddpg", task, tmp_path / "run", runs["bc"])
+    rows = read_table(tmp_path / "run" / "curve.csv")
+    assert [row["frames"] for row in rows][:2] == [0, 0]
 
 
 @pytest.mark.parametrize(("algorithm", "offline"), PAIRS)
