@@ -116,9 +116,10 @@ def test_a_start_that_a_full_disk_interrupts_goes_on_in_its_folder(
     def full(*arguments: Any) -> dict[str, float]:
         raise DiskFullError("no space was left")
 
-    with monkeypatch.context() as patch, pytest.raises(DiskFullError):
+    with monkeypatch.context() as patch:
         patch.setattr(online_training, "measure", full)
-        start("maddpg", task, tmp_path / "run", runs["bc"])
+        with pytest.raises(DiskFullError):
+            start("maddpg", task, tmp_path / "run", runs["bc"])
     start("maddpg", task, tmp_path / "run", runs["bc"])
     rows = read_table(tmp_path / "run" / "curve.csv")
     assert [row["frames"] for row in rows][:2] == [0, 0]
