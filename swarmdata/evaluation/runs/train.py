@@ -149,6 +149,11 @@ class OnlineTraining(Frozen):
         acting = _of_side(spec, self.side)
         begin, settings = None, {}
         if self.start is not None:
+            if not hasattr(kind, "settings_of"):
+                raise SchemaError(
+                    f"{self.algorithm} cannot start from an offline run, since its class has no "
+                    "settings_of. Leave out the start, or use another online algorithm."
+                )
             begin = read_start(self.start)
             check_task(begin, acting)
             settings = kind.settings_of(begin, features_of(make_task(spec)))
