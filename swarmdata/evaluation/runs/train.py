@@ -387,8 +387,11 @@ def train_online(
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
     found = tuple(seeds)
-    if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
-        raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
+    wrong = [each for each in found if not isinstance(each, int | np.integer) or each < 0]
+    if wrong or not 0 < len(found) == len(set(found)):
+        raise SpecError(
+            f"seeds are {found!r:.100}, expected different whole numbers from 0 on, at least one"
+        )
     where: JobOptions = {"engine": engine, "workers": workers, "progress": progress}
     train_in_groups(training, Path(out), tuple(map(int, found)), part, where)
 
