@@ -243,7 +243,7 @@ def test_an_algorithm_of_a_user_that_takes_nothing_over_cannot_start(
 ) -> None:
     with nothing_registered():
         swarmdata.register_algorithm("mine", Mine, online=True)
-        with pytest.raises(SchemaError, match="mine cannot start from an offline run"):
+        with pytest.raises(SchemaError, match="Mine cannot start from an offline run"):
             train_online("mine", task, tmp_path / "run", start=runs["bc"], progress=False)
 
 
