@@ -70,7 +70,7 @@ class BCFlow(OfflineLearner):
         x = information(*self.normalizer(batch.states, batch.observations))
         flow_loss = self.copy.fit(x, batch, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
-        targets = self.copy.targets(x, z, batch.actions, self.generators)
+        targets = self.copy.targets(x, z, batch, self.generators)
         distillation_loss = cloning_loss(self.copy.actor(view.features, z), targets, batch.alive)
         self.copy.step(distillation_loss, scale)
         self.n_updates += 1

@@ -160,7 +160,7 @@ class CFCQL(LossActorCritic):
         return Loss(loss, {"policy_q": mean})
 
     def valuer(self, batch: Batch, x: RobotView) -> Valuer:
-        return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
+        return robot_valuer(self.critics, x, batch, self.config.joint_gradient)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
         return actor_policy(self.actor.online, index)

@@ -228,7 +228,7 @@ class MACFlow(OfflineLearner):
             reported["flow_loss"] = self.copy.fit(x, batch, self.generators, scale)
         z = normal_like(self.generators, batch.actions)
         pi = acting(self.copy.actor(view.features, z), batch.alive)  # [K, B, N, A]
-        targets = self.copy.targets(x, z, batch.actions, self.generators)
+        targets = self.copy.targets(x, z, batch, self.generators)
         total = reported["distillation_loss"] = cloning_loss(pi, targets, batch.alive)
         if self.n_updates >= first:
             if first == 0 or not self.climb.is_measured:
@@ -283,7 +283,7 @@ class MACFlow(OfflineLearner):
 
         x = information(s, o)
         draws = [[normal_like(self.generators, actions) for _ in range(N_DRAWS)] for _ in range(2)]
-        samples = torch.stack([self.copy.flow.sample(x, z) for z in draws[0]], 3)
+        samples = torch.stack([self.copy.flow.sample(x, z, batch.alive) for z in draws[0]], 3)
         self.climb.measure(samples, torch.stack(draws[1], 3), value_of, batch.alive)
 
     def climb_loss(self, s: Tensor, o: Tensor, pi: Tensor, alive: Tensor | None) -> Loss:

@@ -195,7 +195,7 @@ class MADDPGBC(TwoStageActorCritic):
         return {name: loss.detach() for name, loss in losses.items()}
 
     def valuer(self, batch: Batch, x: RobotView) -> Valuer:
-        return robot_valuer(self.critics, x, batch.actions, self.config.joint_gradient)
+        return robot_valuer(self.critics, x, batch, self.config.joint_gradient)
 
     def policy(self, index: int) -> TorchPolicy | SetPolicy:
         return actor_policy(self.actor.online, index)

@@ -132,7 +132,7 @@ class Oryx(OfflineLearner):
         self.descent.step_of("actor", actor_loss, scale)
         self.descent.follow(config.tau)
         self.n_updates += 1
-        share = 1 / weights.square().mean((1, 2))
+        share = 1 / agent_mean(weights.square(), steps.alive)
         measured = (value_loss, actor_loss, values.mean((1, 2)), errors.std((1, 2)), share)
         named = zip(self.LOSSES, measured, strict=True)
         return {name: loss.detach() for name, loss in named}

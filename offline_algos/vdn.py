@@ -82,7 +82,7 @@ class VDN(OfflineLearner):
     """K seeds of offline VDN, trained at once."""
 
     Config: type[DecompositionConfig] = VDNConfig
-    FIELDS = (*TRANSITION, "log_probs")
+    FIELDS = TRANSITION
     LOSSES = ("td_loss", "q", "greedy_q", "target", "behavior_loss", "conservative_gap")
     """`greedy_q` is the online value of what the policy would choose: where it leaves `q`, the
     value of the data's actions, and both leave what the data return, values are overestimated."""

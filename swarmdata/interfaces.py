@@ -205,9 +205,9 @@ class OnlineAlgorithm(Protocol):
     """Learns K policies, one per seed, by acting in environments of its own.
 
     Built as `Kind(env, seeds, config, folder)` from K * E copies of a task, the seeds [K], a
-    `Config`, and a folder for data that is too large for a checkpoint. `Kind.Config` is a frozen
-    dataclass with the fields `n_steps` and `n_copies`; `Kind.LOSSES` names the losses that
-    `update` returns.
+    `Config`, and a folder, which it makes, for data that is too large for a checkpoint.
+    `Kind.Config` is a frozen dataclass with the fields `n_steps` and `n_copies`; `Kind.LOSSES`
+    names the losses that `update` returns.
     """
 
     @property

@@ -9,11 +9,11 @@ of its networks, so that its first policies act as those of the run do, bit for 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
-from swarmdata.errors import CheckpointError
+from swarmdata.errors import CheckpointError, SchemaError
 from swarmdata.interfaces import Algorithm, Policy
 from swarmdata.learn.networks.critics import RobotCritics
 from swarmdata.learn.networks.dataset_statistics import Statistics
@@ -122,6 +122,17 @@ def check_task(start: OfflineStart, spec: TaskSpec | SideSpec) -> None:
         f"from this task in: {describe_differences(start.run.spec, spec)}. Train in the task of "
         "that run, or start from a run for this one."
     )
+
+
+def settings_from(start: OfflineStart, kind: Any, features: Sequence[Feature]) -> dict[str, str]:
+    """Returns what an online algorithm's class takes over; SchemaError if it takes over nothing."""
+    if not hasattr(kind, "settings_of"):
+        raise SchemaError(
+            f"{kind.__name__} cannot start from an offline run, since it has no settings_of. Leave "
+            "out the start, or use another online algorithm."
+        )
+    settings: dict[str, str] = kind.settings_of(start, features)
+    return settings
 
 
 def frame_name(frame: Frame | None, features: Sequence[Feature]) -> str:

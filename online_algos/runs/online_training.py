@@ -249,12 +249,12 @@ class _Training:
             SummaryWriter(str(folder / "tensorboard" / f"seed-{seed}"), purge_step=run.now + 1)
             for seed in self.about.seeds
         ]
-        if start is not None and not run.has_checkpoint:
-            self._checkpoint({})
 
     def finish(self, progress: bool, report: Callable[[int], object] | None) -> None:
         n_steps, algorithm = self.about.n_steps, self.algorithm
         every = n_steps / self.about.n_checkpoints
+        if self.about.start is not None and not self.run.has_checkpoint:
+            self._checkpoint({})
         started, since = time.perf_counter(), self.run.now
         options = {"unit": "frame", "unit_scale": True, "desc": self.run.folder.name}
         with self.run.bar(n_steps, shown=progress, **options) as bar:

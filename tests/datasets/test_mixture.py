@@ -147,6 +147,9 @@ def test_who_acts_is_known_of_a_mixture_as_of_the_combined_dataset(tmp_path: Pat
     drawn = next(streamed.sampler(64))
     assert not drawn.alive.all(), "of the part that agents leave"
     assert not drawn.rewards[~drawn.alive].any()
+    measured = [Statistics.measure(data, 0.9) for data in (mix(both), combined)]
+    for name in ("own_return_std", "own_max_return", "own_return_range", "return_std"):
+        assert getattr(measured[0], name) == pytest.approx(getattr(measured[1], name))
     few = mix(both).sampler(8).gather(rows, frozenset({"alive"}))
     assert few.alive is not None
     assert few.next_alive is few.rewards is None

@@ -1,5 +1,6 @@
 """What the two-stage actor-critics have in common: targets, losses, stages, what moves when."""
 
+from dataclasses import replace
 from typing import Any, get_args
 
 import numpy as np
@@ -265,6 +266,20 @@ def test_what_moves_in_the_second_stage(name: str, extraction: str, is_frozen: b
     assert "actor" in found
     assert any("critic" in k or "utilit" in k for k in found) != is_frozen
     assert not any("density" in k for k in found)
+
+
+@by_robot
+def test_nobody_climbs_the_values_of_who_has_left(name: str) -> None:
+    """Critics do not learn these, and what such a robot sees moved the others' actions."""
+    alive = torch.tensor([True, False]).expand(2, 32, 2)
+    gone = {"alive": alive, "next_alive": alive, "agent_terminations": torch.zeros_like(alive)}
+    batch, actors = replace(random_batch(2), **gone), []
+    seen = batch.observations + torch.tensor([0.0, 1.0])[:, None]
+    for each in (batch, replace(batch, observations=seen)):
+        algorithm = in_two_stages(name, 4, extraction="anchored", joint_gradient="all")
+        losses = algorithm.update(each)
+        actors.append((algorithm.actor.online.network.flat, losses["extracted_q"]))
+    torch.testing.assert_close(actors[0], actors[1])
 
 
 @pytest.mark.parametrize("name", ["cfcql", "facmac_bc", "omar"])  # critics of three kinds

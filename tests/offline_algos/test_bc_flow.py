@@ -42,8 +42,8 @@ def test_an_update_moves_both_and_each_by_its_own_loss() -> None:
     flow, actor = algorithm.copy.flow.network, algorithm.copy.actor.network
     x = information(*algorithm.normalizer(batch.states, batch.observations))
     before = flow.flat.clone()
-    z, a = torch.randn(1, 32, 2, 2), batch.actions
-    targets = algorithm.copy.targets(x, z, a, algorithm.generators)
+    z = torch.randn(1, 32, 2, 2)
+    targets = algorithm.copy.targets(x, z, batch, algorithm.generators)
     algorithm.copy.step(cloning_loss(acted(algorithm, batch, z), targets), 1.0)
     assert torch.equal(flow.flat, before)  # samples have no gradient
     kept = actor.flat.clone()

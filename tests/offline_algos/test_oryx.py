@@ -56,6 +56,11 @@ def test_with_one_component_and_no_weights_the_loss_is_the_squared_error() -> No
     steps, outputs = algorithm.actor.along(batch)
     expected = (outputs[..., 1:].tanh() - steps.actions).square().mean((1, 2, 3))
     torch.testing.assert_close(algorithm.update(batch)["actor_loss"], expected.detach())
+    there = torch.ones_like(batch.rewards, dtype=torch.bool)
+    there[..., 0] = False  # one robot has left
+    ends = torch.zeros_like(there)
+    gone = replace(batch, alive=there, next_alive=there, agent_terminations=ends)
+    assert algorithm.update(gone)["effective_share"].item() == pytest.approx(1.0)
 
 
 @pytest.mark.slow

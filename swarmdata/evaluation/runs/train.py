@@ -24,7 +24,7 @@ from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table,
 from swarmdata.learn.training.settings import as_texts, check_effects, override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
-from swarmdata.online_algos.continuation.offline_start import check_task, read_start
+from swarmdata.online_algos.continuation.offline_start import check_task, read_start, settings_from
 from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, measure, train_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
@@ -151,7 +151,7 @@ class OnlineTraining(Frozen):
         if self.start is not None:
             begin = read_start(self.start)
             check_task(begin, acting)
-            settings = kind.settings_of(begin, features_of(make_task(spec)))
+            settings = settings_from(begin, kind, features_of(make_task(spec)))
         config = override(kind.Config(), {**settings, **self.changes})
         check_effects(config, self.changes)
         data, recorded = None, None
@@ -382,10 +382,15 @@ def train_online(
     }  # fmt: skip
     training = OnlineTraining.parse(arguments, "the arguments of train_online")
     found = tuple(seeds)
-    if not found or any(not isinstance(each, int | np.integer) or each < 0 for each in found):
-        raise SpecError(f"seeds are {found!r:.100}, expected whole numbers from 0 on, at least one")
+    _check_seeds(found)
     where: JobOptions = {"engine": engine, "workers": workers, "progress": progress}
     train_in_groups(training, Path(out), tuple(map(int, found)), part, where)
+
+
+def _check_seeds(seeds: Sequence[Any]) -> None:
+    are_whole = all(isinstance(each, int | np.integer) and each >= 0 for each in seeds)
+    if not (seeds and are_whole and len({*seeds}) == len(seeds)):
+        raise SpecError(f"seeds are {seeds!r:.100}, expected different whole numbers from 0 on")
 
 
 def _portable_names(

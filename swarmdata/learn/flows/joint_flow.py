@@ -33,7 +33,7 @@ from swarmdata.learn.networks.perceptrons import (
     mlp_of_branches,
     mlp_of_products,
 )
-from swarmdata.learn.networks.presence import agent_mean
+from swarmdata.learn.networks.presence import acting, agent_mean
 from swarmdata.learn.networks.setup import Setup
 
 FLOW_STREAM = 4
@@ -74,11 +74,12 @@ class JointFlow:
         return agent_mean((ends - actions).square(), alive)
 
     @torch.no_grad()
-    def sample(self, x: Tensor, noise: Tensor) -> Tensor:
+    def sample(self, x: Tensor, noise: Tensor, alive: Tensor | None = None) -> Tensor:
         """Returns the joint actions that noise leads to, [K, B, N, A], in [-1, 1]; no gradient.
 
-        `x` is c, normalized, [K, B, S + N O], `noise` z, standard normal, [K, B, N, A]. What c adds
-        to the first layer is computed once, not once for each step.
+        `x` is c, normalized, [K, B, S + N O], `noise` z, standard normal, [K, B, N, A]; paths of
+        robots that are not `alive` end at 0, as in the data. What c adds to the first layer is
+        computed once, not once for each step.
         """
         layers = self.network.constants()
         known, moving = self._first_products(layers[0], x)
@@ -86,8 +87,8 @@ class JointFlow:
         for step in range(self.n_steps):
             products = torch.baddbmm(known, path, moving).view(len(path), -1, clock.shape[2])
             products.add_(clock * (step / self.n_steps))
-            ends = mlp_of_products(layers, products).view_as(path)
-            path = path + (ends - path) / (self.n_steps - step)
+            ends = acting(mlp_of_products(layers, products).view_as(noise), alive)
+            path = path + (ends.flatten(2) - path) / (self.n_steps - step)
         return path.clamp(-1, 1).view_as(noise)
 
     def _first_products(self, first: Layer, x: Tensor) -> tuple[Tensor, Tensor]:

@@ -155,17 +155,18 @@ class Distillation:
         return loss
 
     def targets(
-        self, x: Tensor, z: Tensor, actions: Tensor, generators: Sequence[torch.Generator]
+        self, x: Tensor, z: Tensor, batch: Batch, generators: Sequence[torch.Generator]
     ) -> Tensor:
         """Returns what the actors copy, T, without a gradient, [K, B, N, A]; draws the noise z'.
 
-        x are normalized states and observations, [K, B, S + N O]; the noise z that the actors see,
-        and the data's joint actions, are [K, B, N, A]; one generator for each seed draws z'.
+        x are normalized states and observations, [K, B, S + N O], of a batch; the noise z that the
+        actors see is [K, B, N, A]; one generator for each seed draws z'.
         """
-        samples = self.flow.sample(x, z)
+        actions, alive = batch.actions, batch.alive
+        samples = self.flow.sample(x, z, alive)
         if not self._debiased:
             return samples
-        return samples + actions - self.flow.sample(x, normal_like(generators, actions))
+        return samples + actions - self.flow.sample(x, normal_like(generators, actions), alive)
 
     def step(self, loss: Tensor, scale: float) -> None:
         """Moves the actors down the sum over seeds of a loss [K]; `scale` is of their rate."""

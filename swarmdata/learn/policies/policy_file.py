@@ -1,7 +1,8 @@
 """Policies as files: the weights of one seed's policy, and what it needs to act with them.
 
-Tensors lie in the file under the names of a policy's fields, `layers.0.weight` those of layers, and
-those of a dataclass inside under `chooser.layers.0.weight`; all else is in the metadata.
+Tensors lie in the file under the names of a policy's fields, `layers.0.weight` those of layers,
+those of a dataclass inside under `chooser.layers.0.weight`, and those in a list of a user's policy
+under `weights.0`; all else is in the metadata.
 """
 
 from collections.abc import Callable, Mapping
@@ -50,7 +51,7 @@ def save_policy(path: Path, policy: Policy) -> None:
 
     Raises:
         CheckpointError: the policy is none of the `KINDS`, and of no class that an online algorithm
-            of a user declares as its `POLICIES`.
+            of a user declares as its `POLICIES`; or a field has what files do not hold.
     """
     kind, tensors = _kind_of(policy), dict[str, Tensor]()
     metadata = _encoded(policy, "", tensors) | {"kind": kind}
@@ -86,7 +87,7 @@ def _encoded(value: Any, prefix: str, tensors: dict[str, Tensor]) -> dict[str, A
         if not field.init:  # what a policy remembers of its last step
             continue
         name, content = f"{prefix}{field.name}", getattr(value, field.name)
-        if field.name in LAYER_FIELDS:
+        if field.name in LAYER_FIELDS and _are_layers(content):
             for index, layer in enumerate(content):
                 parts = layer._asdict().items()
                 tensors |= {f"{name}.{index}.{k}": v for k, v in parts if v is not None}
@@ -96,11 +97,39 @@ def _encoded(value: Any, prefix: str, tensors: dict[str, Tensor]) -> dict[str, A
             metadata[field.name] = asdict(content)
         elif type(content).__name__ in PARTS:
             metadata[field.name] = _encoded(content, f"{name}.", tensors)
-        elif field.name == "ranges":
+        elif isinstance(value, ChoicePolicy) and field.name == "ranges":
             metadata["ranges"] = [[[r.start, r.stop] for r in agent] for agent in content]
         else:
-            metadata[field.name] = content
+            metadata[field.name] = _plain(content, name, tensors)
     return metadata
+
+
+def _are_layers(content: Any) -> bool:
+    return isinstance(content, list | tuple) and all(isinstance(each, Layer) for each in content)
+
+
+def _plain(content: Any, name: str, tensors: dict[str, Tensor]) -> Any:
+    """Returns what JSON holds of a field: of a tensor in a list, the name that it gets."""
+    if isinstance(content, list | tuple):
+        return [_plain(each, f"{name}.{k}", tensors) for k, each in enumerate(content)]
+    if isinstance(content, Tensor):
+        tensors[name] = content
+        return {"tensor": name}
+    if name == "kind" or not isinstance(content, str | int | float | dict | None):
+        raise CheckpointError(
+            f"the field {name!r} of a policy is {content!r:.100}, expected a tensor, number, text "
+            "or list of these, and another name than 'kind', which files need for the class"
+        )
+    return content
+
+
+def _whole(content: Any, tensors: Mapping[str, Tensor]) -> Any:
+    """Undoes `_plain`."""
+    if isinstance(content, list):
+        return [_whole(each, tensors) for each in content]
+    if isinstance(content, Mapping) and content.keys() == {"tensor"}:
+        return tensors[content["tensor"]]
+    return content
 
 
 def load_policy(path: Path) -> Policy:
@@ -155,16 +184,16 @@ def _decoded(
     """Returns the dataclass that `_encoded` took apart."""
     kind = kinds[metadata["kind"]]
     own = {k.removeprefix(prefix): v for k, v in tensors.items() if k.startswith(prefix)}
-    values: dict[str, Any] = {k: v for k, v in metadata.items() if k != "kind"}
-    if "n_choices" in values:  # the name in older files
+    values: dict[str, Any] = {k: _whole(v, tensors) for k, v in metadata.items() if k != "kind"}
+    expected = {field.name for field in fields(kind)}  # type: ignore[arg-type]
+    if "n_bins" in expected and "n_choices" in values:  # the name in older files
         values["n_bins"] = values.pop("n_choices")
     for name, content in values.items():
         if isinstance(content, Mapping) and content.get("kind") in PARTS:
             values[name] = _decoded(content, f"{prefix}{name}.", tensors, PARTS)
     values |= {name: tensor for name, tensor in own.items() if "." not in name}
-    expected = {field.name for field in fields(kind)}  # type: ignore[arg-type]
-    values |= {name: _layers(own, name) for name in LAYER_FIELDS if name in expected}
-    if values.get("frame"):
+    values |= {name: _layers(own, name) for name in LAYER_FIELDS if name in expected - {*values}}
+    if isinstance(values.get("frame"), Mapping):
         frame = current_fields(values["frame"])
         closing = tuple((near, speed) for near, speed in frame["closing"])
         heard = tuple((x, robot, other) for x, robot, other in frame.get("heard", ()))  # newer
@@ -172,9 +201,9 @@ def _decoded(
             frame["anchor"], tuple(frame["vectors"]), closing, heard,
             frame.get("heading", NO_HEADING), tuple(frame.get("holonomic", ())),
         )  # fmt: skip
-    if slots := values.get("slots"):
+    if isinstance(slots := values.get("slots"), Mapping):
         values |= {"slots": Slots.parse(slots), "hidden": tuple(values["hidden"])}
-    if "ranges" in values:
+    if kind is ChoicePolicy:
         values["ranges"] = tuple(tuple(range(*r) for r in agent) for agent in values["ranges"])
     return kind(**values)
 

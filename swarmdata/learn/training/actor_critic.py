@@ -205,13 +205,16 @@ def value_network(setup: Setup, n_features: int, hidden: tuple[int, ...]) -> Sta
 
 
 def robot_valuer(
-    critics: RobotCritics, x: RobotView, actions: Tensor, joint_gradient: JointGradient
+    critics: RobotCritics, x: RobotView, batch: Batch, joint_gradient: JointGradient
 ) -> Valuer:
-    """Returns the smallest of J values of each robot; `actions` are the data's, [K, B, N, A]."""
-    return Valuer(
-        lambda pi: critics.smallest_q(x, pi, others_of(joint_gradient, pi, actions)),
-        lambda candidates: critics.candidate_q(x, candidates, actions),
-    )
+    """Returns the smallest of J values of each robot; of one that has left, 0 of the policies'."""
+    actions = batch.actions
+
+    def of_policy(pi: Tensor) -> Tensor:
+        values = critics.smallest_q(x, pi, others_of(joint_gradient, pi, actions))
+        return acting(values[..., None], batch.alive)[..., 0]
+
+    return Valuer(of_policy, lambda candidates: critics.candidate_q(x, candidates, actions))
 
 
 class TwoStageActorCritic(OfflineLearner):
@@ -357,7 +360,8 @@ class SecondStage:
             self._slope = self._measure_slope(moments, valuer, batch.alive)
         loss, values = self._loss(batch, moments, valuer)
         self._adam.step(loss, scale)
-        return {"extraction_loss": loss.detach(), "extracted_q": values.mean((1, 2)).detach()}
+        worth = agent_mean(values, batch.alive)
+        return {"extraction_loss": loss.detach(), "extracted_q": worth.detach()}
 
     def _loss(
         self, batch: Batch, moments: tuple[Tensor, Tensor], valuer: Valuer

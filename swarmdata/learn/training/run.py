@@ -102,9 +102,9 @@ class Run(Generic[D]):
         self.check_finite(tensors, "the algorithm's tensors", now)
         metadata = {"run": self.description.hash(), self.description.CLOCK: now, **metadata}
         paths = [self.folder / CHECKPOINT]
-        if keep:
-            paths.append(kept_path(self.folder, now))
-            paths[-1].parent.mkdir(exist_ok=True)
+        if keep:  # first, for what is killed in between goes on from the checkpoint before
+            paths.insert(0, kept_path(self.folder, now))
+            paths[0].parent.mkdir(exist_ok=True)
         for path in paths:
             save_checkpoint(path, {**tensors, **(others or {})}, metadata)
 

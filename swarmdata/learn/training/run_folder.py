@@ -15,7 +15,7 @@ from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.setup import Setup, Sizes
 from swarmdata.learn.training import checkpoint
 from swarmdata.learn.training.run import Count, Description, kept_path
-from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT
+from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, KEPT, run_folders
 from swarmdata.learn.training.settings import from_json
 from swarmdata.perception.frames import Frame, current_fields
 from swarmdata.perception.observer import features_of
@@ -90,7 +90,11 @@ def read_run(folder: Path) -> OfflineRun:
     try:
         return OfflineRun.from_file(path)
     except FileNotFoundError as error:
-        raise CheckpointError(f"{folder} is not a run folder: there is no {CONFIG}") from error
+        parts = ", ".join(str(part) for part in run_folders(folder))
+        advice = f". Its seeds were trained in parts; name these: {parts}" if parts else ""
+        raise CheckpointError(
+            f"{folder} is not a run folder: there is no {CONFIG}{advice}"
+        ) from error
 
 
 def load_run(folder: Path | str) -> list[Policy]:

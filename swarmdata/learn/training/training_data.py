@@ -35,7 +35,6 @@ class Data(Episodes, Protocol):
     def spec(self) -> Spec: ...
     @property
     def own_spec(self) -> Spec: ...  # as recorded
-    def __len__(self) -> int: ...  # episodes
     def sampler(
         self, batch_size: int, *, horizon: int | None = None, burn_in: int | None = None, seed: int
     ) -> Sampler: ...

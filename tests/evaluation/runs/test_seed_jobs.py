@@ -15,6 +15,7 @@ from swarmdata.evaluation.results.target_evaluation import evaluate_target
 from swarmdata.evaluation.runs.seed_jobs import groups_of
 from swarmdata.evaluation.runs.train import train
 from swarmdata.learn.training.run_files import group_folder, read_table, run_folders
+from swarmdata.learn.training.run_folder import read_run
 from swarmdata.rollouts.evaluate import evaluate
 from swarmdata.specs.task_spec import TaskSpec
 from tests.support.at_once import run_at_once
@@ -90,6 +91,8 @@ def test_parts_may_be_trained_twice_and_at_once(
 def test_more_parts_than_seeds_leave_some_without_work(dataset: Path, tmp_path: Path) -> None:
     assert train_in(tmp_path / "bc", dataset, part=(4, 4)) == []
     assert len(train_in(tmp_path / "bc", dataset, part=(3, 4))) == 1
+    with pytest.raises(CheckpointError, match=r"trained in parts; name these: .*seeds-2$"):
+        read_run(tmp_path / "bc")
     assert [each.name for each in run_folders(tmp_path / "bc")] == ["seeds-2"]
 
 

@@ -396,8 +396,8 @@ def test_online_training_takes_specs_and_refuses_seeds_that_are_none(tmp_path: P
     spec, changes = TaskSpec(horizon=10), {**SMALL, "n_steps": 40.0}
     train_online("mappo", spec, tmp_path / "run", seeds=[0], changes=changes, progress=False)
     assert read_online_run(tmp_path / "run").spec == spec
-    for seeds in ([], ["a"], [-1]):
-        with pytest.raises(SpecError, match="expected whole numbers from 0 on"):
+    for seeds in ([], ["a"], [-1], [0, 1, 1]):
+        with pytest.raises(SpecError, match="expected different whole numbers from 0 on"):
             train_online("mappo", spec, tmp_path / "other", seeds=seeds, changes=changes)  # type: ignore[arg-type]
 
 

@@ -17,7 +17,7 @@ from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.offline_algos.bc_flow import BCFlowConfig
 from swarmdata.runtime.atomic import write_file
-from tests.offline_algos.toys import SIZES, same_side, statistics
+from tests.offline_algos.toys import SIZES, random_batch, same_side, statistics
 
 K, B = 2, 6
 
@@ -33,12 +33,13 @@ def test_students_spread_as_the_flow_does_about_the_mean_of_the_data(
     bias: float, debiased: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     copy = made(debiased=debiased)
-    monkeypatch.setattr(copy.flow, "sample", lambda x, z: bias + 0.1 * z)
-    a, z = torch.rand(K, B, 2, 2), torch.randn(K, B, 2, 2)
+    monkeypatch.setattr(copy.flow, "sample", lambda x, z, alive: bias + 0.1 * z)
+    batch, z = random_batch(K, B), torch.randn(K, B, 2, 2)
+    a = batch.actions
     setup, x = Setup(SIZES, (0, 1), statistics()), torch.zeros(K, B, SIZES.information)
     others = normal_like(setup.generators(), a)
     expected = a + 0.1 * z - 0.1 * others if debiased else bias + 0.1 * z
-    torch.testing.assert_close(copy.targets(x, z, a, setup.generators()), expected)
+    torch.testing.assert_close(copy.targets(x, z, batch, setup.generators()), expected)
 
 
 def test_a_run_of_before_gives_its_policies_and_does_not_go_on(tmp_path: Path) -> None:

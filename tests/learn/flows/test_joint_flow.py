@@ -54,6 +54,17 @@ def test_a_sample_is_what_eulers_method_reaches() -> None:
     assert torch.equal(z, drawn(K, B, 2, 2, seed=1))  # the noise is not written to
 
 
+def test_a_robot_that_has_left_does_not_move_the_others() -> None:
+    """Nobody teaches the network where such a robot's path ends; in training it ended at 0."""
+    flow, x, z = made(), drawn(K, B, SIZES.information), drawn(K, B, 2, 2, seed=1)
+    alive = torch.tensor([True, False]).expand(K, B, 2)
+    before = flow.sample(x, z, alive)
+    with torch.no_grad():
+        flow.network.layers[0].weight[:, -3] += 5.0  # of the input that is 1 for the second robot
+    torch.testing.assert_close(flow.sample(x, z, alive), before)
+    assert not before[:, :, 1].any()
+
+
 def test_samples_stay_in_range() -> None:
     flow = made()
     with torch.no_grad():

@@ -26,7 +26,7 @@ from swarmdata.learn.objectives.losses import (
 )
 from swarmdata.types import Episode
 from tests.offline_algos.toys import statistics
-from tests.support.made_episodes import made_episode
+from tests.support.made_episodes import left_early, made_episode
 from tests.support.memory_dataset import MemoryDataset
 
 ETA = torch.tensor([2.0])
@@ -152,6 +152,17 @@ def test_statistics_count_every_state_and_every_step_and_do_not_cross_episodes()
     np.testing.assert_allclose(measured.observation_mean, 3 * [11 / 5])
     assert measured.max_return == 4.0
     assert measured.return_std == pytest.approx(np.std([2.0, 4.0, 1.0]))
+
+
+def test_own_returns_are_those_of_agents_while_they_act() -> None:
+    """An agent that has left gets zeros, which nobody learns from."""
+    left = left_early(episode([-4.0, -8.0, -6.0], level=1.0))  # agent 0 acts once
+    measured = Statistics.measure(MemoryDataset([left, episode([-2.0], level=0.0)]), discount=0.5)
+    own = [-4.0, -4 - 4 - 1.5, -8 - 3, -6, -2, -2]
+    assert measured.own_return_std == pytest.approx(np.std(own))
+    assert measured.own_max_return == -2.0
+    assert measured.own_return_range == 16.0
+    assert measured.return_std == pytest.approx(np.std([-6.75, -5.5, -3.0, -2.0]))
 
 
 def test_equal_returns_have_a_scale_of_one() -> None:

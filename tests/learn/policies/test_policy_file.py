@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -71,10 +72,22 @@ class Steady:
         return self.action.numpy()[None, None].repeat(len(step.states), 0).repeat(4, 1)
 
 
+@dataclass
+class Listed:
+    """Fields of a user's policy, some with names that those of this package have, too."""
+
+    layers: Any
+    n_choices: int = 3
+    ranges: tuple[tuple[int, ...], ...] = ((0, 1),)
+    frame: str = "world"
+    slots: int = 2
+    uses_state: bool = False
+
+
 class Searching:
     """The part of a user's online algorithm that says what its policies are."""
 
-    POLICIES = (Steady,)
+    POLICIES = (Steady, Listed)
 
 
 def test_a_users_online_algorithm_keeps_policies_of_its_own(tmp_path: Path) -> None:
@@ -90,3 +103,17 @@ def test_a_users_online_algorithm_keeps_policies_of_its_own(tmp_path: Path) -> N
         assert torch.equal(read.action, policy.action)
     with pytest.raises(CheckpointError, match="'searching', which is defined by another package"):
         load_policy(path)
+
+
+def test_a_users_policy_may_have_lists_of_tensors_and_any_names(tmp_path: Path) -> None:
+    """They were a traceback at the first policy that was saved, or files that nobody could read."""
+    path, weights = tmp_path / "listed.safetensors", [[torch.eye(2), torch.ones(2)], "tanh", None]
+    with nothing_registered():
+        swarmdata.register_algorithm("searching", Searching, online=True)
+        save_policy(path, Listed(weights))  # type: ignore[arg-type]
+        read: Any = load_policy(path)
+        assert read == Listed(read.layers, ranges=[[0, 1]])  # type: ignore[arg-type]
+        assert read.layers[1:] == ["tanh", None]
+        assert [each.tolist() for each in read.layers[0]] == [[[1, 0], [0, 1]], [1, 1]]
+        with pytest.raises(CheckpointError, match="'layers' of a policy is array"):
+            save_policy(path, Listed(np.ones(2)))  # type: ignore[arg-type]

@@ -19,10 +19,11 @@ from swarmdata.learn.policies.drawn_policy import FlowPolicy, LatentPolicy
 from swarmdata.learn.policies.recurrent_policy import RecurrentPolicy
 from swarmdata.learn.policies.sequence_policy import SequencePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
+from swarmdata.learn.training import run as run_module
 from swarmdata.learn.training.checkpoint import load_checkpoint, save_checkpoint
 from swarmdata.learn.training.compact import compact, is_same
 from swarmdata.learn.training.run_files import CHECKPOINT, CONFIG, CURVE, LOSSES
-from swarmdata.learn.training.run_folder import load_run
+from swarmdata.learn.training.run_folder import kept_updates, load_run
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from swarmdata.types import Batch
@@ -138,6 +139,26 @@ def test_a_stopped_and_resumed_run_equals_an_unbroken_one(
         for policy, kept in zip(policies, load_run(broken), strict=True):
             assert is_same(policy, kept)
             assert type(policy) in (RecurrentPolicy, RecurrentChoicePolicy)
+
+
+def test_a_run_killed_between_the_files_of_a_checkpoint_keeps_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It went on after a checkpoint that was not among those that it was told to keep."""
+    written: list[Path] = []
+
+    def once(path: Path, *content: Any) -> str:
+        written.append(path)
+        if len(written) == 2:
+            raise KeyboardInterrupt
+        return save_checkpoint(path, *content)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(run_module, "save_checkpoint", once)
+        with pytest.raises(KeyboardInterrupt):
+            run("bc", tmp_path, keep=True)
+    run("bc", tmp_path, keep=True)
+    assert kept_updates(tmp_path)[0] == SCHEDULE.checkpoint_every
 
 
 def test_memories_are_not_compiled(tmp_path: Path) -> None:

@@ -8,17 +8,19 @@ import numpy as np
 import pytest
 import torch
 
+import swarmdata
 from swarmdata.datasets.dataset import Dataset
-from swarmdata.errors import CheckpointError, SchemaError, SpecError
+from swarmdata.errors import CheckpointError, DiskFullError, SchemaError, SpecError
 from swarmdata.evaluation.runs import train as training
 from swarmdata.evaluation.runs.train import train_online
 from swarmdata.learn.networks.critics import RobotCritics
 from swarmdata.learn.training.compact import compact
-from swarmdata.learn.training.run_files import CHECKPOINT
+from swarmdata.learn.training.run_files import CHECKPOINT, read_table
 from swarmdata.learn.training.run_folder import load_run
 from swarmdata.learn.training.settings import override
 from swarmdata.learn.training.trainer import train_seeds
 from swarmdata.online_algos.continuation.offline_start import read_start
+from swarmdata.online_algos.dagger import DAggerConfig
 from swarmdata.online_algos.maddpg import MADDPG, MADDPGConfig
 from swarmdata.online_algos.runs import online_training
 from swarmdata.online_algos.runs.online_training import measure, read_online_run
@@ -32,6 +34,7 @@ from swarmdata.registry.components import (
 )
 from swarmdata.rollouts.function_policy import frame_of
 from swarmdata.specs.task_spec import TaskSpec
+from tests.support.own_task import nothing_registered
 from tests.support.pairs import slow
 from tests.support.tiny import TINY
 
@@ -55,6 +58,13 @@ PAIRS = (
 )
 SMALL = {"n_steps": "160", "n_copies": "4", "rollout_steps": "8"}
 REPLAY = {"batch_size": "8", "capacity": "200", "margin": "200", "warmup_transitions": "16"}
+
+
+class Mine:
+    """What a user's online algorithm has at least."""
+
+    Config = DAggerConfig
+    LOSSES = ("error",)
 
 
 def small(algorithm: str) -> dict[str, str]:
@@ -106,6 +116,23 @@ def start(algorithm: str, task: str, out: Path, run: Path, **options: Any) -> No
     train_online(
         algorithm, task, out, seeds=SEEDS, changes=changes, start=run, progress=False, **options
     )
+
+
+def test_a_start_that_a_full_disk_interrupts_goes_on_in_its_folder(
+    runs: dict[str, Path], task: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tables were left without the `config.json` that makes the folder a run's."""
+
+    def full(*arguments: Any) -> dict[str, float]:
+        raise DiskFullError("no space was left")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(online_training, "measure", full)
+        with pytest.raises(DiskFullError):
+            start("maddpg", task, tmp_path / "run", runs["bc"])
+    start("maddpg", task, tmp_path / "run", runs["bc"])
+    rows = read_table(tmp_path / "run" / "curve.csv")
+    assert [row["frames"] for row in rows][:2] == [0, 0]
 
 
 @pytest.mark.parametrize(("algorithm", "offline"), PAIRS)
@@ -209,6 +236,15 @@ def test_another_task_and_other_seeds_are_refused(
             "maddpg", task, tmp_path / "run", seeds=(1, 2), changes=small("maddpg"),
             start=runs["bc"], progress=False,
         )  # fmt: skip
+
+
+def test_an_algorithm_of_a_user_that_takes_nothing_over_cannot_start(
+    runs: dict[str, Path], task: str, tmp_path: Path
+) -> None:
+    with nothing_registered():
+        swarmdata.register_algorithm("mine", Mine, online=True)
+        with pytest.raises(SchemaError, match="Mine cannot start from an offline run"):
+            train_online("mine", task, tmp_path / "run", start=runs["bc"], progress=False)
 
 
 def test_data_need_a_replay_and_a_share(task: str, tiny: Path, tmp_path: Path) -> None:
