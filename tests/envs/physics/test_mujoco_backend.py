@@ -105,6 +105,8 @@ def test_a_written_model_is_the_compiled_one(name: str, ranges: dict[str, Any]) 
             )
         for joint in source.joints:
             joint.armature = written["dof_armature"][written["jnt_dofadr"][joint.id]]
+        for actuator in source.actuators:
+            actuator.forcerange = written["actuator_forcerange"][actuator.id]
         for pair, slide in zip(source.pairs, written["pair_friction"], strict=True):
             pair.friction = slide
         compiled = numbers_of(source.compile())
