@@ -128,7 +128,7 @@ def test_a_flow_that_fits_badly_does_not_climb_further(monkeypatch: pytest.Monke
         algorithm, batch = made(MACFlow, **TINY), random_batch()
         around = batch.actions + misfit
         monkeypatch.setattr(
-            algorithm.copy.flow, "sample", lambda x, z, around=around: around + 0.1 * z
+            algorithm.copy.flow, "sample", lambda x, z, alive, around=around: around + 0.1 * z
         )
         algorithm.measure_climb(batch.states, batch.observations, batch)
         weights.append(float(algorithm.climb.weight * algorithm.climb.slope))
