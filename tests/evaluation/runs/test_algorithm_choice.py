@@ -166,12 +166,13 @@ def test_left_out_datasets_lose_little() -> None:
     found = {way: regrets(rows, names) for way, names in picked.items()}
     auto = found["auto, leave one dataset out"]
     assert len(rows) == 32
+    four = np.array(found["best of the four"])
     for lost in (auto, found["auto, fitted to all"]):
-        assert np.mean(lost) <= 2
-        assert max(lost) <= 10
+        assert np.mean(np.array(lost) - four) <= 2
+        assert max(np.array(lost) - four) <= 10
     fixed = [found[f"always `{name}`"] for name in CANDIDATES]
     assert np.mean(auto) < min(map(np.mean, fixed)) / 3
-    assert np.mean(found["best of the four"]) <= np.mean(auto)
+    assert np.mean(four) <= np.mean(auto)
 
 
 def test_the_page_of_measurements_has_these_tables(
@@ -201,13 +202,15 @@ def test_pages_quote_these_regrets() -> None:
         " ".join((measuring.PAGE.parent / name).read_text(encoding="utf-8").split())
         for name in ("learning.md", "results/claims.md")
     )
+    beside_four = np.array(dataset) - lost["best of the four"]
+    assert f"its four, {beside_four.mean():.1f} and {beside_four.max():.1f}." in learning
     assert (
         f"the choice loses {np.mean(dataset):.1f} points on average against the best of all "
         f"algorithms, and {max(dataset):.1f} at most"
     ) in learning
     assert f"it loses {np.mean(task):.1f} and {max(task):.1f}:" in learning
     assert f"not part of the fit, `auto` loses at most {max(lost_later):.0f} points" in claims
-    assert f"`swarmdata train auto` is {np.mean(dataset):.0f} point below the best" in claims
+    assert f"`swarmdata train auto` is {np.mean(dataset):.0f} points below the best" in claims
     assert f"at worst {max(dataset):.0f}, on" in claims
     assert f"alone is {np.mean(clones):.0f} below, at worst {max(clones):.0f}." in claims
     assert f"`auto` is {np.mean(task):.0f} below, at worst {max(task):.0f}, on" in claims
