@@ -275,9 +275,9 @@ def _scores(found: Findings, out: Path) -> str:
 def _aggregate_sections(found: Findings, out: Path) -> dict[str, str]:
     """The sections by title; none of fewer than two rows or datasets."""
     sections, results, core = {}, found.results, _core(found)
-    if body := _aggregates(results, out / "differences.png"):
+    profiles = "\n![share of runs above a score](profiles.png)\n"
+    if body := _aggregates(results, out / "differences.png", profiles):
         plot_score_profiles(comparable_scores(results).tables, found.looks, out / "profiles.png")
-        body += "\n![share of runs above a score](profiles.png)\n"
         sections["Aggregates over datasets"] = body
     if body := _aggregates(core, out / "core-differences.png"):
         on_all = comparable_scores(core).tables
@@ -311,15 +311,15 @@ def _core(found: Findings) -> ResultSet:
     return replace(found.results, cases=cases)
 
 
-def _aggregates(results: ResultSet, figure: Path) -> str:
+def _aggregates(results: ResultSet, figure: Path, below: str = "") -> str:
     """Aggregates of the rows that are on all datasets, whose differences are drawn to a file.
 
-    Empty if there are fewer than two rows or datasets.
+    `below` the table stands more. Empty if there are fewer than two rows or datasets.
     """
     tables = comparable_scores(results).tables
     if len(tables) < 2 or len(results.cases) < 2:
         return ""
-    body = aggregate_table(results).to_markdown()
+    body = aggregate_table(results).to_markdown() + below
     if 2 < len(tables) <= MAX_ALGORITHMS_IN_MATRIX:  # of two, the table has the one difference
         plot_differences(tables, figure)
         body += f"\n![paired differences of scores]({figure.name})\n"
