@@ -381,7 +381,7 @@ class TaskSpec(Frozen):
         """Returns a validated copy with top-level fields replaced.
 
         What a mapping leaves out has its default; names of models, such as `lossy-30`, modify the
-        spec's own, as everywhere. Noise or losses that a model changes are drawn no more, unless
+        spec's own, as everywhere. Noise or losses that a model changes are no longer drawn, unless
         `randomization` is given.
         """
         readers: dict[str, Callable[..., Any]] = {

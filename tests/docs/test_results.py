@@ -1,10 +1,12 @@
 """Numbers of the pages of results are those of the results' files."""
 
 import csv
+import math
 import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.docs.marked_numbers import MARK, cell, faults, readme_scores
 
@@ -37,15 +39,35 @@ def test_a_page_has_a_claim_one_short_table_a_limit_and_a_command(page: Path) ->
     assert re.search(r"swarmdata (study|sweep) ", text.partition("\nRun it again")[2])
 
 
+def _rows(file: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader(file.read_text(encoding="utf-8").splitlines()))
+
+
 def test_the_cost_of_all_studies_is_the_sum_of_their_costs() -> None:
-    rows = [
-        row
-        for file in STUDIES.glob("*/costs.csv")
-        for row in csv.DictReader(file.read_text(encoding="utf-8").splitlines())
-    ]
+    rows = [row for file in STUDIES.glob("*/costs.csv") for row in _rows(file)]
     hours = sum(float(row["cpu_seconds"]) for row in rows) / 3600
     text = (ROOT / "docs/results/README.md").read_text(encoding="utf-8")
     assert f"took {hours:.0f} hours of processor time for {len(rows)} combinations" in text
+
+
+def test_sentences_about_the_core_are_those_of_the_files() -> None:
+    """Everyone's largest distance to the best of a dataset, and the mean of what `auto` takes."""
+    text = (ROOT / "docs/results/core.md").read_text(encoding="utf-8")
+    core = yaml.safe_load((STUDIES / "regimes/study.yaml").read_text(encoding="utf-8"))["core"]
+    labels = {row["label"] for row in _rows(STUDIES / "regimes/core.csv")}
+    scores = {
+        (label, name): cell(f"regimes:{label}:{name}:score", STUDIES)[0]
+        for label in labels
+        for name in core
+    }
+    best = {name: max(scores[label, name] for label in labels) for name in core}
+    worst = [max(best[name] - scores[label, name] for name in core) for label in labels]
+    assert f"at least {math.floor(min(worst))} points below the best on one of its ten" in text
+    assert (len(labels), len(core)) == (11, 10)
+    choices = _rows(ROOT / "docs/measurements/choosing-an-algorithm.csv")
+    taken = {row["dataset"].strip("`"): row["auto"].strip("`") for row in choices}
+    mean = sum(scores[taken[name], name] for name in core) / len(core)
+    assert f"have a mean of {mean:.0f} " in text
 
 
 def test_the_table_of_the_readme_is_that_of_the_study() -> None:

@@ -314,7 +314,7 @@ def _core(found: Findings) -> ResultSet:
 def _aggregates(results: ResultSet, figure: Path, below: str = "") -> str:
     """Aggregates of the rows that are on all datasets, whose differences are drawn to a file.
 
-    `below` the table stands more. Empty if there are fewer than two rows or datasets.
+    `below` is text for under the table. Empty if there are fewer than two rows or datasets.
     """
     tables = comparable_scores(results).tables
     if len(tables) < 2 or len(results.cases) < 2:
