@@ -16,6 +16,13 @@ actions. With team reward r, the mean over robots:
     L_b   = -sum_id sum_k w_k(a_id) log pi_b(k | o_i)_d / N       with `bc` and `bcq`
     L_cql = alpha sum_j mean_id [log sum_k exp U_j(o_i)_dk - sum_k w_k(a_id) U_j(o_i)_dk]
 
+With `critic` "decentralized" there is no sum: each robot learns the value of its own reward r_i,
+which is independent Q-learning (Tan, "Multi-agent reinforcement learning: independent vs.
+cooperative agents", ICML 1993) with the same choices, rule and losses:
+
+    y_i   = r_i + gamma (1 - termination) min(1/2 sum_j Q'_j(o'_i, a'_i), R*)
+    L_td  = sum_j 1/N sum_i Huber(Q_j(o_i, a_i) - y_i)
+
 The `regulariser` gives the rule and the loss that is added to L_td:
 
     none  double Q-learning, which overestimates what the data lack; plain without `clip_target`
@@ -51,8 +58,10 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.utility_networks import DecompositionConfig, Seen, UtilityNetworks
+from swarmdata.learn.networks.critics import Critic
+from swarmdata.learn.networks.network_inputs import Reward
 from swarmdata.learn.networks.perceptrons import StackedMLP
-from swarmdata.learn.networks.presence import going_on
+from swarmdata.learn.networks.presence import agent_mean, going_on
 from swarmdata.learn.networks.setup import Setup
 from swarmdata.learn.objectives.losses import (
     Loss,
@@ -75,7 +84,13 @@ GREEDY_EVERY = 10
 
 @dataclass(frozen=True)
 class VDNConfig(DecompositionConfig):
-    """Settings of offline VDN: those of every value decomposition."""
+    """Settings of offline VDN: those of every value decomposition, and whether there is a sum."""
+
+    critic: Critic = "centralized"  # "decentralized": values of own rewards, without a sum
+
+    @property
+    def reward(self) -> Reward:
+        return "own" if self.critic == "decentralized" else "team"
 
 
 class VDN(OfflineLearner):
@@ -120,7 +135,7 @@ class VDN(OfflineLearner):
         if self.n_updates % GREEDY_EVERY == 0:
             with torch.no_grad():
                 values = self.value(utilities, networks.act(utilities, log_probs), x, alive)
-            reported["greedy_q"] = values.mean((1, 2))
+            reported["greedy_q"] = agent_mean(values, None)
         networks.descent.step(total, self.scale)
         networks.descent.follow(self.config.tau)
         self.n_updates += 1
@@ -130,10 +145,14 @@ class VDN(OfflineLearner):
         self, q: Tensor, y: Tensor, utilities: Tensor, weights: Tensor, log_probs: Tensor | None,
         alive: Tensor | None,
     ) -> Loss:  # fmt: skip
-        """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K], of targets y [K, B]."""
+        """Returns L_td, with L_b of `bc` and `bcq` or L_cql of `cql`, [K].
+
+        Values q and targets y are as `value` and `targets` return them.
+        """
         config = self.config
-        td_loss = huber_error(q, y)  # [K]
-        reported = {"td_loss": td_loss, "q": q.mean((1, 2)), "target": y.mean(1)}
+        learned = alive if config.reward == "own" else None
+        td_loss = huber_error(q.flatten(2), y.flatten(1), learned)  # [K]
+        reported = {"td_loss": td_loss, "q": agent_mean(q, None), "target": agent_mean(y, None)}
         if log_probs is not None:
             loss = behavior_loss(log_probs, weights, config.behavior_head, alive)  # [K]
             return Loss(td_loss + loss, reported | {"behavior_loss": loss})
@@ -147,13 +166,16 @@ class VDN(OfflineLearner):
         self, utilities: Tensor, weights: Tensor, x: Tensor, alive: Tensor | None,
         mixer: StackedMLP | None = None,
     ) -> Tensor:  # fmt: skip
-        """Returns the team's Q_j, [K, J, B]; robots that have left are worth 0.
+        """Returns the team's Q_j, [K, J, B], or those of robots, [K, J, B, N], without a sum.
+
+        Robots that have left are worth 0.
 
         Utilities are [K, J, B, N, D, C], weights of the choices [K, B, N, D, C], x [K, B, S + N O];
         `alive` is as in `presence`, `mixer` a slow copy of the mixer's networks.
         """
         values = robot_values(utilities, weights)  # [K, J, B, N]
-        return self.mix(values if alive is None else values * alive[:, None], x, mixer)
+        values = values if alive is None else values * alive[:, None]
+        return values if self.config.reward == "own" else self.mix(values, x, mixer)
 
     def mix(self, values: Tensor, x: Tensor, mixer: StackedMLP | None = None) -> Tensor:
         """Returns the mean of robots' values, [K, J, B] of [K, J, B, N], equation 1."""
@@ -161,15 +183,19 @@ class VDN(OfflineLearner):
 
     @torch.no_grad()
     def targets(self, seen: Seen) -> Tensor:
-        """Returns y, [K, B], in units of scaled rewards."""
+        """Returns y, [K, B], or that of each robot, [K, B, N], in units of scaled rewards."""
         networks, slow = self.networks, self.networks.descent.targets
         batch, features = seen.batch, seen.next_features
         a_next = networks.act(networks.utilities(features), networks.log_probs(features))
         utilities = networks.utilities(seen.slow_next_features, slow["team"])
         x_next = networks.information(batch.next_states, features)
         q_next = self.value(utilities, a_next, x_next, going_on(batch), slow.get("mixer"))
-        q_next = q_next.mean(1).clamp(max=networks.rewards.max_value)  # [K, B]
-        r = team_reward(batch.rewards) * networks.rewards.scale
+        rewards = networks.rewards
+        q_next = q_next.mean(1).clamp(max=rewards.max_value)
+        if self.config.reward == "own":
+            r = rewards(batch.rewards)
+            return td_target(r, rewards.ends(batch), q_next, self.config.discount)
+        r = team_reward(batch.rewards) * rewards.scale
         return td_target(r, batch.terminations, q_next, self.config.discount)
 
     def policy(self, index: int) -> ChoicePolicy | RecurrentChoicePolicy:

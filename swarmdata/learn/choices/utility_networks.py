@@ -19,7 +19,7 @@ from swarmdata.learn.choices.choices import Choices
 from swarmdata.learn.memory.gated_networks import GatedShape, StackedGates
 from swarmdata.learn.memory.memory_settings import MemorySettings
 from swarmdata.learn.memory.segments import learned, remembered_next
-from swarmdata.learn.networks.network_inputs import Normalizer, RobotRewards, information
+from swarmdata.learn.networks.network_inputs import Normalizer, Reward, RobotRewards, information
 from swarmdata.learn.networks.optimizer import Descent
 from swarmdata.learn.networks.perceptrons import Layer, MLPShape, StackedMLP, initialize
 from swarmdata.learn.networks.setup import Setup
@@ -60,6 +60,11 @@ class DecompositionConfig(MemorySettings):
     behavior_head: Head = "factored"
     cql_weight: float = 0.1  # alpha of `cql`; see the docstring of `vdn`
     max_grad_norm: float | None = 10.0  # per seed, of each kind of network
+
+    @property
+    def reward(self) -> Reward:
+        """Whose reward a value is of."""
+        return "team"
 
     @property
     def rule(self) -> Rule:
@@ -119,7 +124,7 @@ class UtilityNetworks:
         sizes, seeds, device = setup.sizes, setup.seeds, setup.device
         self.choices = Choices.of(sizes, config.n_bins, device)
         self.normalizer = Normalizer(setup.statistics, device)
-        self.rewards = RobotRewards(setup.statistics, "team", clip_target=config.clip_target)
+        self.rewards = RobotRewards(setup.statistics, config.reward, clip_target=config.clip_target)
         self.sizes = sizes
         self.memory: TeamMemory | None = None
         n_features = sizes.observation

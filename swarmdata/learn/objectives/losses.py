@@ -195,10 +195,13 @@ def robot_values(utilities: Tensor, weights: Tensor) -> Tensor:
     return (utilities * weights[:, None]).sum(-1).mean(-1)
 
 
-def huber_error(q: Tensor, y: Tensor) -> Tensor:
-    """Returns sum_j Huber(Q_j - y), the mean over rows, [K], of values [K, J, B] and y [K, B]."""
+def huber_error(q: Tensor, y: Tensor, alive: Tensor | None = None) -> Tensor:
+    """Returns sum_j Huber(Q_j - y), the mean over rows, [K], of values [K, J, R] and y [K, R].
+
+    `alive` is as in `critics_mean`.
+    """
     errors: Tensor = smooth_l1_loss(q, y[:, None].expand_as(q), reduction="none")
-    return errors.mean(2).sum(1)
+    return critics_mean(errors, alive).sum(1)
 
 
 def conservative_gap(
