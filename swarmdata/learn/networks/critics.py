@@ -5,8 +5,9 @@ A critic is a network of x = (state, all observations) and the actions of all ag
 
 The N values of `RobotCritics` are N rows of one network. `decentralized` critics see (o_i, i, a_i),
 `centralized` ones (o_i, i, s, a_i, a_i+1, ..., a_i-1), numbers modulo N. Everything is turned into
-robot i's frame: the actions of the others from theirs, and the planar vectors of the state,
-positions included, about the middle of the arena. The robots of the state come in the order of the
+robot i's frame: the actions of the others from theirs, unless they are commands to wheels, which
+have no direction, and the planar vectors of the state, positions included, about the middle of the
+arena. The robots of the state come in the order of the
 actions, robot i first. Without a frame (recordings of other environments) nothing is turned.
 """
 
@@ -138,8 +139,8 @@ class RobotView:
 
     features: Tensor  # in each robot's frame, its number included, [K, B, N, F]
     cosines: Tensor | None = None
-    """Of the angle from robot i's frame to that of the robot in each slot, [K, B, N, N]; None if
-    critics see their own action only, or nothing is turned."""
+    """Of the angle by which actions of the robot in each slot are turned into robot i's frame,
+    [K, B, N, N]; None if critics see their own action only, or nothing is turned."""
     sines: Tensor | None = None  # likewise
 
     @property
@@ -163,6 +164,8 @@ class RobotViews:
         mean, std = normalizer.state_mean.clone(), normalizer.state_std.clone()
         if sizes.frame is not None:
             self._axis = sizes.observation - sizes.frame.n_added  # column of the frame's x axis
+            # whether commands of the robot in each slot are vectors, [N, N]
+            self._turns = torch.from_numpy(sizes.frame.turns(n)).to(device)[self._order]
             # turned vectors have no preferred direction: no mean, and one deviation for x and y
             x, y = self._vectors, self._vectors + 1
             moments = mean.square() + std.square()
@@ -197,8 +200,8 @@ class RobotViews:
             ux, uy = observations[..., self._axis], observations[..., self._axis + 1]  # [K, B, N]
             turned = self._turned(turned, ux[..., None], uy[..., None])
             wx, wy = ux[:, :, self._order], uy[:, :, self._order]  # of each slot, [K, B, N, N]
-            cosines = ux[..., None] * wx + uy[..., None] * wy
-            sines = ux[..., None] * wy - uy[..., None] * wx
+            cosines = torch.where(self._turns, ux[..., None] * wx + uy[..., None] * wy, 1.0)
+            sines = torch.where(self._turns, ux[..., None] * wy - uy[..., None] * wx, 0.0)
         columns = self._columns.expand(*turned.shape)
         return RobotView(torch.cat([own, turned.gather(3, columns)], 3), cosines, sines)
 

@@ -94,6 +94,21 @@ def test_actions_of_others_are_in_the_robots_own_frame() -> None:
         torch.testing.assert_close(joint[:, :, robot, slot, 2], local[:, :, other, 2])
 
 
+def test_commands_to_wheels_are_not_turned() -> None:
+    """Robot 1 is holonomic, the others are unicycles."""
+    states, observations, local = world()
+    frame = Frame(anchor=0, vectors=(0, 2), closing=(), heading=2, holonomic=(1,))
+    sizes = replace(SIZES, frame=frame)
+    made = RobotViews(sizes, Normalizer(MOMENTS, "cpu"), "centralized", "cpu")
+    joint = made.actions(made.view(states, observations), local, local).view(1, 6, N, N, 3)
+    for robot, slot in ((0, 2), (2, 1), (1, 1), (1, 2)):
+        torch.testing.assert_close(joint[:, :, robot, slot], local[:, :, (robot + slot) % N])
+    for robot, slot in ((0, 1), (2, 2)):
+        assert not torch.allclose(joint[:, :, robot, slot], local[:, :, 1])
+        sizes_of = joint[:, :, robot, slot, :2].norm(dim=-1)
+        torch.testing.assert_close(sizes_of, local[:, :, 1, :2].norm(dim=-1), atol=1e-5, rtol=1e-5)
+
+
 def test_only_what_the_others_do_may_be_taken_from_elsewhere() -> None:
     states, observations, local = world()
     made = views("centralized")
