@@ -48,8 +48,9 @@ flow fits badly. Beside the copy's error this is `anchored_loss` of `learn.objec
 2 v / A: actions leave the flow's by at most eta v times `slope_limit`, whatever the unit of
 rewards.
 
-Published studies are of an earlier version, whose flow gave the actions of all robots by one
-network, whose actors copied F(c, z) itself, and whose v was the mean of (a - m)^2.
+Published studies other than `regimes` and `one-policy` are of an earlier version, whose flow gave
+the actions of all robots by one network, whose actors copied F(c, z) itself, and whose v was the
+mean of (a - m)^2.
 """
 
 from collections.abc import Callable, Mapping

@@ -117,6 +117,7 @@ def test_its_policies_can_be_copied_into_a_dataset(name: str, memory: str, tmp_p
 
 SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("maddpg_bc", {"joint_gradient": "own"}),
+    ("vdn", {"critic": "decentralized"}),
     ("vdn", {**MEMORY, "regulariser": "cql", "parameters": "separate"}),
 )
 OTHER_SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -147,3 +148,24 @@ def test_the_algorithm_keeps_the_contract(name: str, changes: dict[str, Any]) ->
     kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
     config = kind.Config(**{**SMALL.get(name, {}), **changes})
     check_algorithm(kind, batches_of(config), config=config, n_updates=6, tolerance=0.0)
+
+
+@pytest.mark.gpu
+@pytest.mark.parametrize("name", OFFLINE_ALGORITHMS)
+def test_what_a_gpu_learns_acts_the_same_on_a_cpu(name: str) -> None:
+    kind = resolve("algorithm", OFFLINE_ALGORITHMS, name)
+    config = kind.Config(**SMALL.get(name, {}))
+    learner = kind(replace(sample_setup((0,)), device="cuda"), config)
+    for index in range(6):
+        batch = batches_of(config)((0,), index)
+        columns = {each.name: getattr(batch, each.name) for each in fields(batch)}
+        moved = {k: v if v is None else v.to("cuda") for k, v in columns.items()}
+        losses = learner.update(Batch(**moved))
+        assert all(torch.isfinite(each).all() for each in losses.values())
+    resumed = kind(sample_setup((0,)), config)
+    resumed.load_state_dict({k: v.cpu() for k, v in learner.state_dict().items()})
+    acts = []
+    for policy in (learner.policy(0), resumed.policy(0)):
+        policy.reset(step(), np.arange(len(step().seeds)))
+        acts.append(policy.act(step()))
+    np.testing.assert_array_equal(*acts)
