@@ -16,8 +16,8 @@ actions. With team reward r, the mean over robots:
     L_b   = -sum_id sum_k w_k(a_id) log pi_b(k | o_i)_d / N       with `bc` and `bcq`
     L_cql = alpha sum_j mean_id [log sum_k exp U_j(o_i)_dk - sum_k w_k(a_id) U_j(o_i)_dk]
 
-With `critic` "decentralized" there is no sum: each robot learns the value of its own reward r_i,
-which is independent Q-learning (Tan, "Multi-agent reinforcement learning: independent vs.
+With `independent` there is no sum: each robot learns the value of its own reward r_i, which is
+independent Q-learning (Tan, "Multi-agent reinforcement learning: independent vs.
 cooperative agents", ICML 1993) with the same choices, rule and losses:
 
     y_i   = r_i + gamma (1 - termination) min(1/2 sum_j Q'_j(o'_i, a'_i), R*)
@@ -58,7 +58,6 @@ import torch
 from torch import Tensor
 
 from swarmdata.learn.choices.utility_networks import DecompositionConfig, Seen, UtilityNetworks
-from swarmdata.learn.networks.critics import Critic
 from swarmdata.learn.networks.network_inputs import Reward
 from swarmdata.learn.networks.perceptrons import StackedMLP
 from swarmdata.learn.networks.presence import agent_mean, going_on
@@ -86,11 +85,11 @@ GREEDY_EVERY = 10
 class VDNConfig(DecompositionConfig):
     """Settings of offline VDN: those of every value decomposition, and whether there is a sum."""
 
-    critic: Critic = "centralized"  # "decentralized": values of own rewards, without a sum
+    independent: bool = False  # values of own rewards, without a sum
 
     @property
     def reward(self) -> Reward:
-        return "own" if self.critic == "decentralized" else "team"
+        return "own" if self.independent else "team"
 
 
 class VDN(OfflineLearner):

@@ -117,7 +117,7 @@ def test_its_policies_can_be_copied_into_a_dataset(name: str, memory: str, tmp_p
 
 SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (
     ("maddpg_bc", {"joint_gradient": "own"}),
-    ("vdn", {"critic": "decentralized"}),
+    ("vdn", {"independent": True}),
     ("vdn", {**MEMORY, "regulariser": "cql", "parameters": "separate"}),
 )
 OTHER_SETTINGS: tuple[tuple[str, dict[str, Any]], ...] = (

@@ -23,17 +23,17 @@ def test_without_a_sum_a_robot_learns_the_value_of_its_own_reward() -> None:
     batch = random_batch(1, 64)
     batch.terminations[...] = True
     targets = {}
-    for critic in ("centralized", "decentralized"):
-        algorithm = made(VDN, critic=critic)
-        targets[critic] = algorithm.targets(algorithm.networks.see(batch))
-    torch.testing.assert_close(targets["centralized"], batch.rewards.mean(-1))
-    torch.testing.assert_close(targets["decentralized"], batch.rewards)
+    for independent in (False, True):
+        algorithm = made(VDN, independent=independent)
+        targets[independent] = algorithm.targets(algorithm.networks.see(batch))
+    torch.testing.assert_close(targets[False], batch.rewards.mean(-1))
+    torch.testing.assert_close(targets[True], batch.rewards)
 
 
 def test_without_a_sum_a_value_is_bootstrapped_from_that_of_the_same_robot() -> None:
     batch = random_batch(1, 64)
     batch.terminations[...], batch.rewards[...] = False, 0.0
-    algorithm = made(VDN, critic="decentralized", parameters="separate", discount=0.5)
+    algorithm = made(VDN, independent=True, parameters="separate", discount=0.5)
     values = torch.tensor([1.0, 3.0])  # of robots 0 and 1, whatever they choose
     slow = algorithm.networks.descent.targets["team"]
     with torch.no_grad():
@@ -47,7 +47,7 @@ def test_without_a_sum_a_value_is_bootstrapped_from_that_of_the_same_robot() -> 
 def test_without_a_sum_nothing_is_learned_of_absent_robots() -> None:
     alive = torch.rand(1, 32, 2) < 0.5
     q, y = torch.randn(1, 2, 32, 2), torch.randn(1, 32, 2)
-    algorithm = made(VDN, critic="decentralized", regulariser="none")
+    algorithm = made(VDN, independent=True, regulariser="none")
     utilities, weights = torch.zeros(1, 2, 32, 2, 2, 9), torch.zeros(1, 32, 2, 2, 9)
     losses = [
         algorithm.loss(q, each, utilities, weights, None, alive).total

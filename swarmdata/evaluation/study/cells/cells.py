@@ -47,7 +47,8 @@ FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run"}
 
 YOUNGER_FIELDS = ("rewards", "side", "opponents", "opponents_hash")  # than cells without them
 
-YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": []}  # younger than studies; change nothing
+YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": [], "independent": False}
+"""Younger than studies; change nothing."""
 
 AS_RECORDED = View()  # models of the dataset itself
 

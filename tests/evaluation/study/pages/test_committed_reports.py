@@ -3,12 +3,16 @@
 import json
 import shutil
 import tarfile
+from functools import cache
 from pathlib import Path
+from typing import IO
 
 import pytest
 
-from swarmdata.evaluation.study.cells.cells import Cell
+from swarmdata.evaluation.study.cells.cells import Cell, cells_of
+from swarmdata.evaluation.study.cells.study_data import digest_of
 from swarmdata.evaluation.study.pages.study_folder import rewrite_pages
+from swarmdata.evaluation.study.plan import Study
 from swarmdata.registry.presets import find_spec
 from swarmdata.registry.recipes import find_recipe
 from swarmdata.specs.model_choice import with_models
@@ -37,6 +41,26 @@ def test_a_committed_figure_is_no_higher_than_a_screen() -> None:
     for file in sorted(STUDIES.glob("**/*.png")):
         header = file.read_bytes()[:24]
         assert int.from_bytes(header[20:24], "big") <= HIGHEST, file
+
+
+CURRENT = ("blind", "messages", "regimes", "robotarium", "sides", "swap", "teams", "weights")
+"""Studies whose numbers today's code gives: their settings have not changed since."""
+
+
+@pytest.mark.parametrize("name", CURRENT)
+def test_no_new_setting_makes_the_cells_of_a_current_study_stale(name: str) -> None:
+    planned = cells_of(Study.from_file(STUDIES / f"{name}.yaml"), cache(digest_of))
+    keys = {cell.name: cell.key for cell in planned}
+    with tarfile.open(STUDIES / name / "cells.tar.xz") as members:
+        files = (member for member in members if member.name.endswith("/cell.json"))
+        stored = [Cell.parse(json.load(opened(members, file))) for file in files]
+    assert {cell.name: cell.key for cell in stored}.items() <= keys.items()
+
+
+def opened(members: tarfile.TarFile, file: tarfile.TarInfo) -> IO[bytes]:
+    content = members.extractfile(file)
+    assert content is not None
+    return content
 
 
 def cells_and_specs(archive: Path) -> list[tuple[Cell, TaskSpec]]:
