@@ -68,6 +68,15 @@ def optimality_gap(scores: Double) -> float:
     return float(100.0 - np.minimum(scores, 100.0).mean())
 
 
+def probability_of_improvement(ours: Double, theirs: Double) -> float:
+    """The mean over datasets of the share of pairs of runs in which ours is above theirs, 0 to 1.
+
+    Scores are [runs, datasets]; equal ones count half (Agarwal et al. 2021, section 4.3).
+    """
+    one, other = ours[:, None], theirs[None]  # [our runs, their runs, datasets]
+    return float(((one > other) + 0.5 * (one == other)).mean())
+
+
 def performance_profile(scores: Double, thresholds: Double) -> Double:
     """Share of the measured runs [runs, datasets] above each threshold [P], from 0 to 1, [P].
 

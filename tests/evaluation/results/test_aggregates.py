@@ -15,6 +15,7 @@ from swarmdata.evaluation.results.aggregates import (
     optimality_gap,
     pareto_front,
     performance_profile,
+    probability_of_improvement,
     thresholds_of,
 )
 from swarmdata.evaluation.results.result_set import group_results
@@ -31,6 +32,12 @@ TABLES = arrays(
 def test_the_gap_is_the_mean_shortfall(table: Double) -> None:
     expected = np.mean([max(0.0, 100.0 - value) for value in table.ravel()])
     assert optimality_gap(table) == pytest.approx(expected)
+
+
+def test_ours_improve_as_often_as_one_of_our_runs_is_above_one_of_theirs() -> None:
+    ours, theirs = np.array([[3.0, 0.0], [1.0, 5.0]]), np.array([[2.0, 5.0]])
+    assert probability_of_improvement(ours, theirs) == (1 + 0 + 0 + 0.5) / 4
+    assert probability_of_improvement(theirs, ours) == 1 - 1.5 / 4
 
 
 @given(TABLES)

@@ -3,7 +3,7 @@
 import math
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from swarmdata.evaluation.results.aggregates import (
     comparable_scores,
     differences,
     mean_over_datasets,
+    probability_of_improvement,
 )
 from swarmdata.evaluation.results.estimate_table import to_csv
 from swarmdata.evaluation.results.result_plots import plot_differences, plot_score_profiles
@@ -291,16 +292,17 @@ def _aggregate_sections(found: Findings, out: Path) -> dict[str, str]:
 def _core_rows(found: Findings) -> list[dict[str, object]]:
     """The mean score over the core of each row that is on all of it, alone and minus each other."""
     tables = comparable_scores(_core(found)).tables
+    runs = {label: table.mean(axis=-1) for label, table in tables.items()}
 
-    def measured() -> Iterator[tuple[str, str, Estimate]]:
-        for label, table in tables.items():
-            yield label, "", mean_over_datasets(table)
-        for (label, other), each in differences(tables).items():
-            yield label, other, each
+    def row(label: str, other: str, found: Estimate, improves: float | None) -> dict[str, object]:
+        numbers = {"mean": found.value, "low": found.low, "high": found.high}
+        return {"label": label, "minus": other, **numbers, "probability_of_improvement": improves}
 
-    return [
-        {"label": label, "minus": other, "mean": each.value, "low": each.low, "high": each.high}
-        for label, other, each in measured()
+    alone = [row(label, "", mean_over_datasets(table), None) for label, table in tables.items()]
+    pairs = differences(tables).items()
+    return alone + [
+        row(one, other, found, probability_of_improvement(runs[one], runs[other]))
+        for (one, other), found in pairs
     ]
 
 

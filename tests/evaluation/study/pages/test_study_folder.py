@@ -104,6 +104,12 @@ def test_the_core_has_aggregates_of_its_datasets_alone(tmp_path: Path) -> None:
     assert table["bc", ""] == pytest.approx(core_means["bc"])
     difference = core_means["bc"] - core_means["maddpg_bc"]
     assert table["bc", "maddpg_bc"] == pytest.approx(difference) == -table["maddpg_bc", "bc"]
+    (improves,) = (
+        float(row["probability_of_improvement"])
+        for row in rows(folder / "core.csv")
+        if (row["label"], row["minus"]) == ("maddpg_bc", "bc")
+    )
+    assert improves == 1.0
 
 
 def test_what_the_plan_no_longer_asks_for_goes(
