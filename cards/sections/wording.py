@@ -107,7 +107,7 @@ UNKNOWN_TIER_DESCRIPTION = (
 )
 
 COMMON_LIMITS = (
-    "Simulation: planar circular robots of equal mass, without wheel slip, and without sensor "
+    "Simulation: planar circular robots of {masses}, without wheel slip, and without sensor "
     "noise unless the observation model adds it.",
     "An episode ends for the whole team at once; no robot leaves or joins.",
     "States contain the targets: use them for training and analysis, not as inputs of deployed "
@@ -177,5 +177,7 @@ TIER_LIMITS = MappingProxyType(
 def limits_of(spec: TaskSpec, tier: str) -> tuple[str, ...]:
     """The known limits of data of a task and a tier."""
     group = "team" if len(spec.sides) == 1 else "side"
-    common = (each.format(group=group) for each in COMMON_LIMITS)
+    is_equal = spec.randomization.mass is None and len({robot.mass for robot in spec.robots}) == 1
+    masses = "equal mass" if is_equal else "different masses"
+    common = (each.format(group=group, masses=masses) for each in COMMON_LIMITS)
     return (*common, *spec.rules.card_limits, *TIER_LIMITS.get(tier, ()))

@@ -210,16 +210,20 @@ def _column(name: str, place: tuple[int, ...]) -> str:
 
 
 def _report(subject: Subject, differences: list[Difference], n_replayed: int) -> Remarks:
-    if not differences:
-        return
     foreign = {
         each.episode for each in differences if each.step == 0 and each.array in WITHOUT_AGENTS
     }
-    if not subject.origin.has_world_seeds and len(foreign) == n_replayed:
+    is_mixed = bool(subject.origin.parents)  # some may have seeds of their worlds, others not
+    if not subject.origin.has_world_seeds and (
+        len(foreign) == n_replayed or (is_mixed and foreign)
+    ):
+        first = next(each for each in differences if each.episode in foreign)
         yield note(
-            "the seeds of this dataset are not those of its worlds, so its episodes cannot be "
-            f"replayed ({differences[0]})"
+            f"the seeds of {len(foreign)} of {n_replayed} replayed episodes are not those of their "
+            f"worlds, so these cannot be compared ({first})"
         )
+        differences = [each for each in differences if each.episode not in foreign]
+    if not differences:
         return
     provenance = subject.manifest.provenance
     world = subject.origin.spec.world

@@ -120,7 +120,7 @@ def _run_all(context: typer.Context, plan: "Study", options: "StudyOptions", com
     from swarmdata.evaluation.study.run_study import run_study
 
     failures, written = run_study(plan, options, command)
-    typer.echo(written[0])
+    typer.echo(written[0] if written else "no page yet: no cell on the study's datasets is done")
     for name, reason in failures.items():
         typer.echo(f"failed: {name}: {reason}", err=True)
     raise typer.Exit(1 if failures else 0)

@@ -28,7 +28,7 @@ from swarmdata.interop.conversion.dataset_facts import (
 from swarmdata.interop.conversion.export_note import (
     check_team_rewards,
     import_with_note,
-    note_of,
+    note_text,
     parse_note,
 )
 from swarmdata.interop.conversion.foreign_data import BlockReader, Timeline, import_without_note
@@ -94,7 +94,7 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
             if "events" in arrays and (costs := costs_of(arrays["events"])) is not None:
                 file["costs"][rows] = costs.sum(axis=(1, 2))
             check()
-        file[NOTE_KEY] = note_of(dataset, frame).to_json()
+        file[NOTE_KEY] = note_text(dataset, frame)
         layouts = dataset.episodes.layouts
         if layouts.size:
             file[LAYOUTS_KEY] = layouts

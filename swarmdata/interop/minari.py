@@ -35,6 +35,7 @@ from swarmdata.interop.conversion.export_note import (
     ExportNote,
     check_team_rewards,
     note_of,
+    note_text,
     parse_note,
 )
 from swarmdata.interop.conversion.foreign_data import unread_note
@@ -132,7 +133,7 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
             "minari_version": minari.__version__,
             "algorithm_name": ", ".join(source.label for source in dataset.recipe.policies),
             "description": f"{dataset!r}".removeprefix("<").partition(", at ")[0],
-            NOTE_KEY: note_of(dataset, frame).to_json(),
+            NOTE_KEY: note_text(dataset, frame),
         }
     )
 

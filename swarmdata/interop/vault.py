@@ -31,7 +31,7 @@ from swarmdata.interop.conversion.dataset_facts import (
 from swarmdata.interop.conversion.export_note import (
     ExportNote,
     import_with_note,
-    note_of,
+    note_text,
     parse_note,
 )
 from swarmdata.interop.conversion.foreign_data import BlockReader, Timeline, import_without_note
@@ -95,7 +95,7 @@ def write(dataset: Dataset, path: Path, frame: str) -> None:
                     experience_structure=leaves,
                     rel_dir=str(path.parent.parent),
                     vault_uid=path.name,
-                    metadata={NOTE_KEY: note_of(dataset, frame).to_json()},
+                    metadata={NOTE_KEY: note_text(dataset, frame)},
                 )
             state = TrajectoryBufferState(experience=leaves, current_index=n, is_full=False)
             vault.write(state, source_interval=(0, n))

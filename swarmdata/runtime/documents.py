@@ -56,13 +56,13 @@ class _MalformedError(SpecError):
     """The text is not JSON at all."""
 
 
-def parse_json(text: str | bytes, source: str) -> Any:
-    """Returns what text in JSON holds.
+def parse_json(text: str | bytes, source: str, most: int = MAX_JSON_BYTES) -> Any:
+    """Returns what text in JSON of at most so many bytes holds.
 
     Raises:
         SpecError: it is not JSON, with the place, or exceeds a bound.
     """
-    check_size(text, MAX_JSON_BYTES, source)
+    check_size(text, most, source)
     decoded = decode(text, source)
     if decoded.count("[") + decoded.count("{") > MAX_CONTAINERS:
         raise SpecError(

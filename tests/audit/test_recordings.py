@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from swarmdata.building.edit import combine_datasets, filter_dataset
+from swarmdata.datasets.dataset import Dataset
 from swarmdata.specs.origins import RecordedSpec
 from swarmdata.store import EpisodeTable, open_store
 from tests.audit.conftest import (
@@ -127,7 +129,25 @@ def test_own_recording_with_other_seeds_is_not_replayed(own_recording: Path, for
         forge(own_recording, lambda _, table: {"seeds": np.arange(len(table), dtype=np.uint64)})
     )
     assert not messages(found, "replay")
-    assert "seeds of this dataset are not those of its worlds" in messages(found, "replay", "note")
+    assert "episodes are not those of their worlds" in messages(found, "replay", "note")
+
+
+def test_with_recordings_of_other_seeds_only_those_are_not_replayed(
+    own_recording: Path, forge: Forge, tmp_path: Path
+) -> None:
+    """Also in a part of both; and what is wrong in an episode that can be replayed is found."""
+    numbered = forge(own_recording, lambda _, table: {"seeds": np.arange(len(table), dtype="u8")})
+    views = [Dataset.open(path) for path in (own_recording, numbered)]
+    both = combine_datasets(views, tmp_path / "both", id="coop_nav-both-v0")
+    part = filter_dataset(both, tmp_path / "part", id="coop_nav-part-v0", split="train")
+    for made in (both, part):
+        found = look(made.path, sample=1000)
+        assert not messages(found, "replay"), found.to_text()
+        n = int(np.isin(made.episodes.seeds, views[1].episodes.seeds).sum())
+        assert f"the seeds of {n} of {len(made)} replayed" in messages(found, "replay", "note")
+
+    flawed = forge(both.path, put("rewards", 0, 0, (0,), 9.0))
+    assert f"1 of {len(both)} replayed" in messages(look(flawed, sample=1000), "replay")
 
 
 def test_own_recording_without_log_probs_and_events(own_recording: Path, forge: Forge) -> None:

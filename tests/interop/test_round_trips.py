@@ -182,7 +182,7 @@ def test_wrong_choices() -> None:
 def test_a_failed_export_leaves_nothing(
     ours: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("swarmdata.interop.d4rl.note_of", lambda *view: 1 / 0)
+    monkeypatch.setattr("swarmdata.interop.d4rl.note_text", lambda *view: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         export_dataset(ours, tmp_path / "x", format="d4rl")
     assert not list(tmp_path.iterdir())

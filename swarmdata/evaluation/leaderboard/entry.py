@@ -92,7 +92,7 @@ def submit(
     Raises:
         SpecError: the task has several sides, a run was trained on other data or in other
             conditions, runs have other settings than each other, there are fewer than
-            `LEAST_SEEDS` policies, or a text is not allowed.
+            `LEAST_SEEDS` policies, they are too large, or a text is not allowed.
         UnknownNameError: no such published dataset.
         OutputError: the folder has other files.
     """
@@ -113,11 +113,26 @@ def submit(
                 write_file(folder / file, runs[index].read_bytes())
             else:
                 save_policy(folder / file, team.policies[index])
+        _check_size(folder)  # before the evaluation, which takes long
         hashes = [sha256(folder / file) for file in names]
         description = Description.parse({**said, "policies": hashes}, f"the entry {out}")
         evaluate_target(_named(team, description), n_episodes, folder / RESULTS, progress=progress)
         write_file(folder / ENTRY, description.model_dump_json(indent=1).encode() + b"\n")
+        _check_size(folder)
     return description
+
+
+def too_large(entry: Path) -> str | None:
+    """What is wrong with the size of an entry's files; None: nothing."""
+    size = sum(path.stat().st_size for path in entry.rglob("*") if not path.is_dir())
+    if size <= LARGEST:
+        return None
+    return f"it has {size / 1e6:.1f} MB, expected at most {LARGEST / 1e6:.0f}"
+
+
+def _check_size(entry: Path) -> None:
+    if problem := too_large(entry):
+        raise SpecError(f"the entry would be refused: {problem}. Submit smaller networks.")
 
 
 def _named(team: Target, description: Description) -> Target:

@@ -19,13 +19,13 @@ from swarmdata.errors import SchemaError, SwarmdataError
 from swarmdata.evaluation.leaderboard.entry import (
     ENTRY,
     ENTRY_FOLDER,
-    LARGEST,
     LEAST_SEEDS,
     N_EPISODES,
     RESULTS,
     Description,
     entry_task,
     sha256,
+    too_large,
 )
 from swarmdata.evaluation.results.result_files import Result, load_result
 from swarmdata.numerics.random import EVALUATION_BASE, block_seeds, derive
@@ -130,8 +130,8 @@ def _wrong(entry: Path, description: Description) -> Iterator[str]:
     known = {name for name in files if re.fullmatch(rf"{RESULTS}/[^/]+\.json", name)}
     ours = {*known, *names, ENTRY, ENTRY_FOLDER.list_file}
     yield from (f"{name} does not belong there" for name in sorted(files - ours))
-    if (size := sum((entry / name).stat().st_size for name in files)) > LARGEST:
-        yield f"it has {size / 1e6:.1f} MB, expected at most {LARGEST / 1e6:.0f}"
+    if problem := too_large(entry):
+        yield problem
     for name, content in names.items():
         if name not in files:
             yield f"{name} is missing"

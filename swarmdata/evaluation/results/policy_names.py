@@ -161,7 +161,9 @@ def onnx_target(files: Sequence[Path], spec: TaskSpec, label: str) -> Target:
     """Returns the team of each file of ONNX, as one row; raises as `OnnxPolicy` does."""
     contents = [hashlib.sha256(file.read_bytes()).hexdigest() for file in files]
     policies = tuple(OnnxPolicy(file, spec) for file in files)
-    return Target(spec, policies, _numbered(label, contents))
+    paths = [{"run": str(file.resolve())} for file in files]  # tell files of one name apart
+    pairs = zip(_numbered(label, contents), paths, strict=True)
+    return Target(spec, policies, tuple(each.model_copy(update=path) for each, path in pairs))
 
 
 def find_dataset(name: str) -> str | Path | None:

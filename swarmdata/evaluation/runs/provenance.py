@@ -36,7 +36,7 @@ class Provenance(Frozen):
     seed: Natural | None = None  # of the training
     updates: Natural | None = None  # offline: gradient updates at the evaluated checkpoint
     frames: Natural | None = None  # online: joint steps at the evaluated checkpoint
-    run: str | None = None  # run folder; in a file, relative to the file's folder
+    run: str | None = None  # run folder, or file of ONNX; in a file, relative to the file's folder
     content: Sha256 | None = None  # of the run's files, the checkpoint or the recipe
     code_version: str = __version__
 

@@ -17,7 +17,11 @@ from swarmdata.evaluation.study.cells.cell_worker import run_cell
 from swarmdata.evaluation.study.cells.cells import DONE_FILE, RESULTS_FOLDER, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
-from swarmdata.evaluation.study.pages.collect_results import Findings, collect_findings
+from swarmdata.evaluation.study.pages.collect_results import (
+    Findings,
+    collect_findings,
+    is_in_grid,
+)
 from swarmdata.evaluation.study.pages.study_folder import STUDY, write_pages
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.shifts.shift import (
@@ -71,7 +75,8 @@ def run_study(
 ) -> tuple[dict[str, str], list[Path]]:
     """Runs the cells of a study that are not done yet, and writes the pages of all that are.
 
-    Returns why cells failed, by name, and the files that were written, the page first.
+    Returns why cells failed, by name, and the files that were written, the page first: none if the
+    cells are done, but none is on the study's datasets yet, as after an online row alone.
     """
     check_output(options.out, STUDY)
     for task in study.tasks.tasks if study.tasks else ():
@@ -80,6 +85,9 @@ def run_study(
     cells, work = all_cells(study, progress=options.progress), options.work_of(study)
     chosen = [] if options.shifts_only else select_cells(cells, options.only)
     failures = run_cells(chosen, work, again=options.again, **options.jobs)
+    on_data = [cell for cell in cells if cell.kind == "offline" and is_in_grid(study, cell)]
+    if chosen and not failures and not any(cell.is_done(cell.folder(work)) for cell in on_data):
+        return failures, []
     measure = options.only is None
     if measure and not options.shifts_only:
         swept = _swept_cells(collect_findings(study, cells, work, failures))

@@ -122,8 +122,8 @@ def load(
         side: the side whose agents are wanted alone, such as `pursuers`; see `Dataset.side`.
         path: the folder of the dataset of a shipped recipe, where it is not in the cache.
         verify: how much is checked before arrays are handed out; see `Dataset.open`.
-        offline: whether no remote is asked; None: whether SWARMDATA_OFFLINE or HF_HUB_OFFLINE is
-            set. Datasets with a recipe are still built.
+        offline: whether no remote is asked; where SWARMDATA_OFFLINE or HF_HUB_OFFLINE is set, none
+            is, even with False. Datasets with a recipe are still built.
         workers: processes that build; by default one for each core.
         progress: whether to show a bar while fetching or building.
 

@@ -168,8 +168,8 @@ def request_of_address(text: str) -> Request:
 
 
 def is_offline(wanted: bool | None = None) -> bool:
-    """Whether no remote is asked: as the caller wants, else as the environment says."""
-    return offline_variable() is not None if wanted is None else wanted
+    """Whether no remote is asked, as the caller wants or the environment says."""
+    return bool(wanted) or offline_variable() is not None
 
 
 def _pinned(address: "Address") -> str | None:

@@ -92,8 +92,6 @@ class Remotes:
 
         def fetch(remote: Remote, release: Release) -> Found:
             _arrive(remote, release, folder, refuse, self.progress)
-            if request.recipe is not None:
-                remove_parts(request.recipe, folder)
             return Found(folder, release.address)
 
         if request.release is not None:
@@ -276,14 +274,17 @@ def _arriving(folder: Path) -> Path:
 def _arrive(
     remote: Remote, release: Release, folder: Path, refuse: Refusal, progress: bool
 ) -> None:
-    """Pulls a release beside its place, checks every byte and what it is, and renames it."""
+    """Pulls a release beside its place, checks every byte and what it is, and renames it.
+
+    Parts of a build of it that was interrupted there are of no use then, and removed.
+    """
     from swarmdata.cards.side_files import finish  # noqa: PLC0415  (all of cards)
 
     arriving = _arriving(folder)
     remove_scratch(arriving)  # of a process that was killed before it had checked it
     pull(remote, release, arriving, refuse=refuse, progress=progress)
     try:
-        open_store(arriving, "full", widths=True)
+        origin = open_store(arriving, "full", widths=True).recipe
         finish(arriving)
     except DatasetError as error:
         remove_scratch(arriving)
@@ -297,6 +298,8 @@ def _arrive(
         raise
     put_in_place(arriving, folder.resolve(), MANIFEST)  # where a link leads, if it is one
     sync(arriving.parent)
+    if origin.recipe is not None:
+        remove_parts(origin.recipe, folder)
     remove_scratch(arriving)  # at a mount point, an empty folder is left of it
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from swarmdata.datasets.dataset import Dataset
 from swarmdata.interop.bags.bag_messages import messages_of, open_types, serialized
 from swarmdata.interop.conversion.dataset_facts import NOTED_FACTS, TIME_ARRAYS
-from swarmdata.interop.conversion.export_note import NOTE_FILE, note_of, write_note
+from swarmdata.interop.conversion.export_note import NOTE_FILE, note_text, write_note
 from swarmdata.interop.formats import Format
 
 RECIPE_FILE = "recipe.yaml"
@@ -33,7 +33,7 @@ def write_file(dataset: Dataset, path: Path, frame: str) -> None:
         writer = Writer(file)
         writer.start(profile="ros2", library="swarmdata")
         for name, kind, text in (
-            (NOTE_FILE, "application/json", note_of(dataset, frame).to_json()),
+            (NOTE_FILE, "application/json", note_text(dataset, frame)),
             (RECIPE_FILE, "application/yaml", dataset.recipe.to_yaml()),
         ):
             writer.add_attachment(0, 0, name, kind, text.encode())

@@ -28,6 +28,8 @@ from swarmdata.types import END_REASONS, Bool, Episode, Float
 
 NOTE_FILE = "swarmdata.json"
 
+MAX_NOTE_BYTES = 1 << 26  # a million episodes take half of it
+
 Index = Annotated[int, Field(ge=0)]
 Lengths = tuple[Annotated[int, Field(ge=1)], ...]
 
@@ -111,9 +113,20 @@ def note_of(dataset: Dataset, frame: str) -> ExportNote:
     )
 
 
+def note_text(dataset: Dataset, frame: str) -> str:
+    """The text of `note_of`; ConversionError also if `parse_note` would not read it."""
+    text = note_of(dataset, frame).to_json()
+    if len(text) > MAX_NOTE_BYTES:
+        raise ConversionError(
+            f"{dataset!r} has too many episodes for an export that can be imported again: its note "
+            f"has {len(text):,} bytes, expected at most {MAX_NOTE_BYTES:,}. Export views of it."
+        )
+    return text
+
+
 def write_note(dataset: Dataset, folder: Path, frame: str) -> None:
-    """Writes the note of an export into its folder; raises as `note_of` does."""
-    (folder / NOTE_FILE).write_text(note_of(dataset, frame).to_json(), encoding="utf-8")
+    """Writes the note of an export into its folder; raises as `note_text` does."""
+    (folder / NOTE_FILE).write_text(note_text(dataset, frame), encoding="utf-8")
 
 
 def read_note(folder: Path) -> ExportNote | None:
@@ -125,7 +138,7 @@ def read_note(folder: Path) -> ExportNote | None:
 def parse_note(text: str | bytes, source: Path | str) -> ExportNote:
     """Reads a note; ConversionError if damaged, of one side, or of a frame but the world's."""
     try:
-        note = ExportNote.parse(parse_json(text, str(source)), str(source))
+        note = ExportNote.parse(parse_json(text, str(source), MAX_NOTE_BYTES), str(source))
     except SpecError as error:
         raise ConversionError(
             f"the note of swarmdata in {source} cannot be read: {error}. Export the dataset again."

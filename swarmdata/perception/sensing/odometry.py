@@ -21,7 +21,7 @@ from swarmdata.numerics.random import STREAMS, normal_table
 from swarmdata.numerics.random_kernels import absorb, to_normal
 from swarmdata.runtime.kernels import kernel
 from swarmdata.specs.sensing_models import Drift
-from swarmdata.specs.state_layout import N_COLUMNS, UX, UY, VX, X, Y
+from swarmdata.specs.state_layout import N_COLUMNS, TX, TY, UX, UY, VX, X, Y
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Bool, Double, Float, Int, Seeds, Step
 
@@ -151,12 +151,23 @@ def reckon(
 
 @kernel
 def add_errors(states: Float, active: Bool, believed: Double, errors: Double, known: Float) -> None:
-    """Moves and turns what the robots of the active copies know of themselves, [E, 8 N]."""
+    """Moves and turns what the robots of the active copies know of themselves, [E, 8 N].
+
+    A target where a robot is that has it too, as the evader of `tag`, is known from seeing that
+    robot, and drifts along: a place without errors, beside one that is seen, tells the true pose.
+    """
     for b in range(active.shape[0]):
         if not active[b]:
             continue
         for i in range(believed.shape[1]):
             at, c, s = N_COLUMNS * i, errors[b, i, 0], errors[b, i, 1]
+            tx, ty = states[b, at + TX], states[b, at + TY]
+            for other in range(0, N_COLUMNS * believed.shape[1], N_COLUMNS):
+                is_there = states[b, other + X] == tx and states[b, other + Y] == ty
+                if is_there and states[b, other + TX] == tx and states[b, other + TY] == ty:
+                    dx, dy = float(tx) - states[b, at + X], float(ty) - states[b, at + Y]
+                    known[b, at + TX] = believed[b, i, 0] + (c * dx - s * dy)
+                    known[b, at + TY] = believed[b, i, 1] + (s * dx + c * dy)
             known[b, at + X] += believed[b, i, 0] - float(states[b, at + X])
             known[b, at + Y] += believed[b, i, 1] - float(states[b, at + Y])
             for column in (VX, UX):

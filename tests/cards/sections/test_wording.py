@@ -1,6 +1,7 @@
 """Every tier and task of the package is explained."""
 
 import re
+from typing import Any
 
 import pytest
 
@@ -10,7 +11,9 @@ from swarmdata.cards.sections.wording import (
     STRICT_NOTE,
     TIER_DESCRIPTIONS,
     TIER_LIMITS,
+    limits_of,
 )
+from swarmdata.registry.presets import preset
 from swarmdata.registry.published import published
 from swarmdata.registry.recipes import find_recipe, shipped_recipes
 from swarmdata.registry.tiers import STRICT_FAMILIES
@@ -61,3 +64,21 @@ def test_cards_of_strict_presets_say_why_fewer_episodes_succeed(name: str) -> No
         own = strict.model_copy(update={"id": "search-own-v0"})
         assert "fewer episodes succeed" not in tier_section(own), "of other policies"
         assert "fewer episodes succeed" not in tier_section(free)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"randomization": {"mass": (1.0, 2.0)}},
+        {
+            "team": [
+                {"name": name, "count": 2, "robot": {"mass": mass}}
+                for name, mass in (("a", 1.0), ("b", 2.0))
+            ]
+        },
+    ],
+)
+def test_robots_have_equal_masses_only_where_they_have(changes: dict[str, Any]) -> None:
+    assert "robots of equal mass," in limits_of(preset("coop_nav"), "random")[0]
+    changed = preset("coop_nav").with_updates(**changes)
+    assert "robots of different masses," in limits_of(changed, "random")[0]

@@ -78,6 +78,19 @@ def test_runs_with_other_settings_are_refused(
         submit([Path("first"), Path("second")], tmp_path / "entry", DATASET, name="m", **ABOUT)
 
 
+@pytest.mark.usefixtures("configs")
+def test_an_entry_that_is_too_large_is_not_made(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nor evaluated, where its policies alone are."""
+    runs = [Path("first"), Path("second")]
+    monkeypatch.setattr(entries, "evaluate_target", None)
+    monkeypatch.setattr(entries, "LARGEST", 10_000)
+    with pytest.raises(SpecError, match=r"refused: it has 0\.\d MB, expected at most 0\. Submit"):
+        submit(runs, tmp_path / "entry", DATASET, name="mine", **ABOUT)
+    assert not any(tmp_path.iterdir())
+
+
 def test_neither_a_pipe_nor_a_huge_file_is_read(tmp_path: Path) -> None:
     """The one would wait forever, the other fill the memory."""
     os.mkfifo(tmp_path / "pipe")

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 import swarmdata
+from swarmdata.errors import ResultsError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.results.target_evaluation import (
     evaluate_target,
@@ -64,3 +65,22 @@ def test_results_of_a_policy_or_task_whose_code_changed_are_measured_again(
     for file in (policy, task):
         file.write_text(f"{file.read_text()}# changed\n")
         assert [is_kept(), is_kept()] == [False, True]
+
+
+def test_files_of_one_name_do_not_replace_each_others_results(tmp_path: Path) -> None:
+    """A file that was written again does: it is what is measured now."""
+    write = pytest.importorskip("tests.learn.deployment.test_onnx_policy").write
+    task = tmp_path / "task.yaml"
+    task.write_text(preset("coop_nav").with_updates(horizon=3).to_yaml())
+    files = [tmp_path / name / "team.onnx" for name in ("one", "other")]
+
+    def measure(file: Path, seed: int) -> bool:
+        target = find_target(str(write(file, seed=seed)), str(task))
+        (result,) = evaluate_target(target, 1, tmp_path / "out", progress=False)
+        return result.path is not None
+
+    for file in files:
+        file.parent.mkdir()
+    assert [measure(files[0], seed) for seed in (0, 0, 1, 1)] == [False, True, False, True]
+    with pytest.raises(ResultsError, match=r"of the run \.\./one/team\.onnx, not of \.\./other/"):
+        measure(files[1], 1)

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+import swarmdata
 from swarmdata.errors import StudyError
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cells_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
@@ -60,3 +61,16 @@ def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path)
     assert "--again to delete these cells" in run("study", file, *folders, code=1)
     file.write_text(f"{file.read_text()}seed: 1\n")
     assert "Did you mean 'seeds'" in run("study", file, *folders, code=1)
+
+
+def test_an_online_row_alone_is_done_before_there_is_a_page(
+    make_study: Make, data: Path, tmp_path: Path
+) -> None:
+    task, file = tmp_path / "nav.yaml", tmp_path / "study.yaml"
+    task.write_text(swarmdata.load(data).task.to_yaml())
+    settings = {"n_copies": 2, "rollout_steps": 16, "minibatch": 32, "n_epochs": 1, "hidden": 8}
+    online = {"algorithm": "mappo", "task": str(task), "frames": 64, "settings": settings}
+    file.write_text(make_study(online={"learned": online}, seeds=[0]).to_yaml())
+    folders = ("--out", tmp_path / "o", "--work", tmp_path / "w")
+    assert "no page yet" in run("study", file, "--only", "learned/*", *folders)
+    assert "done  learned/" in run("study", file, "--cells", *folders[2:])

@@ -257,3 +257,19 @@ def test_a_target_where_the_robot_is_does_not_tell_where(name: str, error: str) 
     assert stays.any()
     assert np.abs(x - step.states[:, at])[stays].min() > 0
     assert not to_goal[stays].any()
+
+
+def test_a_target_that_is_seen_does_not_tell_where_the_robot_is_that_drifts() -> None:
+    """Of a pursuer, whose target is the evader, and a slot of whose observation shows it."""
+    env = make_env(preset("tag").with_updates(observation="=state+drift-0.2"), 50)
+    step = env.reset(np.arange(50, dtype=np.uint64))
+    for _ in range(5):
+        step = env.step(np.full((50, env.spec.n_agents, env.action_size), 0.3))
+    names, seen = [feature.name for feature in env.features], step.observations[:, 0]
+    at = N_COLUMNS * (env.spec.n_agents - 1)
+    for axis, own in (("x", 0), ("y", 1)):
+        true, evader = step.states[:, own], step.states[:, at + own]
+        drift = seen[:, names.index(f"own.{axis}")] - true
+        to_goal = seen[:, names.index(f"own.goal_d{axis}")]
+        assert np.abs(drift).min() > 0
+        np.testing.assert_allclose(to_goal, evader - true, atol=1e-5)
