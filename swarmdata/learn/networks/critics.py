@@ -5,10 +5,11 @@ A critic is a network of x = (state, all observations) and the actions of all ag
 
 The N values of `RobotCritics` are N rows of one network. `decentralized` critics see (o_i, i, a_i),
 `centralized` ones (o_i, i, s, a_i, a_i+1, ..., a_i-1), numbers modulo N. Everything is turned into
-robot i's frame: the actions of the others from theirs, unless they are commands to wheels, which
-have no direction, and the planar vectors of the state, positions included, about the middle of the
-arena. The robots of the state come in the order of the
-actions, robot i first. Without a frame (recordings of other environments) nothing is turned.
+robot i's frame: the actions of the others from theirs, and the planar vectors of the state,
+positions included, about the middle of the arena. The commands of unicycles are a speed along their
+heading, which is turned like a vector, and a turn rate, which stays a number. The robots of the
+state come in the order of the actions, robot i first. Without a frame (recordings of other
+environments) nothing is turned.
 """
 
 from collections.abc import Sequence
@@ -139,8 +140,8 @@ class RobotView:
 
     features: Tensor  # in each robot's frame, its number included, [K, B, N, F]
     cosines: Tensor | None = None
-    """Of the angle by which actions of the robot in each slot are turned into robot i's frame,
-    [K, B, N, N]; None if critics see their own action only, or nothing is turned."""
+    """Of the angle from robot i's frame to that of the robot in each slot, [K, B, N, N]; None if
+    critics see their own action only, or nothing is turned."""
     sines: Tensor | None = None  # likewise
 
     @property
@@ -164,8 +165,8 @@ class RobotViews:
         mean, std = normalizer.state_mean.clone(), normalizer.state_std.clone()
         if sizes.frame is not None:
             self._axis = sizes.observation - sizes.frame.n_added  # column of the frame's x axis
-            # whether commands of the robot in each slot are vectors, [N, N]
-            self._turns = torch.from_numpy(sizes.frame.turns(n)).to(device)[self._order]
+            # whether the second command of the robot in each slot is a component, [N, N]
+            self._is_vector = torch.from_numpy(sizes.frame.turns(n)).to(device)[self._order]
             # turned vectors have no preferred direction: no mean, and one deviation for x and y
             x, y = self._vectors, self._vectors + 1
             moments = mean.square() + std.square()
@@ -182,8 +183,16 @@ class RobotViews:
 
     @property
     def n_actions(self) -> int:
-        """Numbers that a critic sees of a joint action: A, or N A."""
-        return self._sizes.action * (self._sizes.n_agents if self.critic == "centralized" else 1)
+        """Numbers that a critic sees of a joint action: A, or N (A + T)."""
+        sizes = self._sizes
+        if self.critic == "decentralized":
+            return sizes.action
+        return sizes.n_agents * (sizes.action + self._n_turn_rates)
+
+    @property
+    def _n_turn_rates(self) -> int:
+        """Numbers that turning adds to an action, T: a turn rate in teams with unicycles."""
+        return 0 if self._sizes.frame is None or bool(self._is_vector.all()) else 1
 
     def view(self, states: Tensor, observations: Tensor) -> RobotView:
         """Returns the view of states as recorded, [K, B, S].
@@ -200,13 +209,13 @@ class RobotViews:
             ux, uy = observations[..., self._axis], observations[..., self._axis + 1]  # [K, B, N]
             turned = self._turned(turned, ux[..., None], uy[..., None])
             wx, wy = ux[:, :, self._order], uy[:, :, self._order]  # of each slot, [K, B, N, N]
-            cosines = torch.where(self._turns, ux[..., None] * wx + uy[..., None] * wy, 1.0)
-            sines = torch.where(self._turns, ux[..., None] * wy - uy[..., None] * wx, 0.0)
+            cosines = ux[..., None] * wx + uy[..., None] * wy
+            sines = ux[..., None] * wy - uy[..., None] * wx
         columns = self._columns.expand(*turned.shape)
         return RobotView(torch.cat([own, turned.gather(3, columns)], 3), cosines, sines)
 
     def actions(self, view: RobotView, own: Tensor, others: Tensor) -> Tensor:
-        """Returns actions as the critics see them, by network row, [K, B N, A] or [K, B N, N A].
+        """Returns actions as critics see them, by network row, [K, B N, A] or [K, B N, N (A + T)].
 
         `own` are the robots' actions, [K, B, N, A], `others` those that the others take meanwhile,
         [K, B, N, A], or `own` again for a joint action; each in the frame of the robot that acts.
@@ -216,8 +225,12 @@ class RobotViews:
         slots = torch.cat([own[:, :, :, None], others[:, :, self._order[:, 1:]]], 3)
         if view.cosines is not None and view.sines is not None:
             x, y = slots[..., 0], slots[..., 1]  # [K, B, N, N]
+            turn_rates = []
+            if self._n_turn_rates:
+                turn_rates = [torch.where(self._is_vector, 0.0, y)]
+                y = torch.where(self._is_vector, y, 0.0)
             ahead, left = view.cosines * x - view.sines * y, view.sines * x + view.cosines * y
-            slots = torch.cat([torch.stack([ahead, left], -1), slots[..., 2:]], -1)
+            slots = torch.cat([torch.stack([ahead, left, *turn_rates], -1), slots[..., 2:]], -1)
         return slots.flatten(3).flatten(1, 2)
 
     def _turned(self, states: Tensor, ux: Tensor, uy: Tensor) -> Tensor:

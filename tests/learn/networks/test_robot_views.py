@@ -94,19 +94,26 @@ def test_actions_of_others_are_in_the_robots_own_frame() -> None:
         torch.testing.assert_close(joint[:, :, robot, slot, 2], local[:, :, other, 2])
 
 
-def test_commands_to_wheels_are_not_turned() -> None:
+def test_a_turn_rate_is_a_number_and_a_speed_a_vector_along_the_heading() -> None:
     """Robot 1 is holonomic, the others are unicycles."""
     states, observations, local = world()
     frame = Frame(anchor=0, vectors=(0, 2), closing=(), heading=2, holonomic=(1,))
-    sizes = replace(SIZES, frame=frame)
-    made = RobotViews(sizes, Normalizer(MOMENTS, "cpu"), "centralized", "cpu")
-    joint = made.actions(made.view(states, observations), local, local).view(1, 6, N, N, 3)
-    for robot, slot in ((0, 2), (2, 1), (1, 1), (1, 2)):
-        torch.testing.assert_close(joint[:, :, robot, slot], local[:, :, (robot + slot) % N])
-    for robot, slot in ((0, 1), (2, 2)):
-        assert not torch.allclose(joint[:, :, robot, slot], local[:, :, 1])
-        sizes_of = joint[:, :, robot, slot, :2].norm(dim=-1)
-        torch.testing.assert_close(sizes_of, local[:, :, 1, :2].norm(dim=-1), atol=1e-5, rtol=1e-5)
+    made = RobotViews(replace(SIZES, frame=frame), Normalizer(MOMENTS, "cpu"), "centralized", "cpu")
+    joint = made.actions(made.view(states, observations), local, local)
+    assert joint.shape[-1] == made.n_actions
+    joint = joint.view(1, 6, N, N, 4)
+    x, y = (observations[..., RAW + k] for k in (0, 1))  # of the frames in the world
+    for robot, slot in ((0, 0), (0, 1), (0, 2), (1, 1), (2, 1), (2, 2)):
+        other = (robot + slot) % N
+        ahead, left, turn_rate, rest = joint[:, :, robot, slot].unbind(-1)
+        first, second, third = local[:, :, other].unbind(-1)
+        torch.testing.assert_close(turn_rate, second if other != 1 else torch.zeros_like(second))
+        torch.testing.assert_close(rest, third)
+        sideways = second if other == 1 else 0.0
+        cos = x[:, :, robot] * x[:, :, other] + y[:, :, robot] * y[:, :, other]
+        sin = x[:, :, robot] * y[:, :, other] - y[:, :, robot] * x[:, :, other]
+        torch.testing.assert_close(ahead, cos * first - sin * sideways, atol=1e-5, rtol=1e-5)
+        torch.testing.assert_close(left, sin * first + cos * sideways, atol=1e-5, rtol=1e-5)
 
 
 def test_only_what_the_others_do_may_be_taken_from_elsewhere() -> None:
