@@ -70,6 +70,24 @@ def test_sentences_about_the_core_are_those_of_the_files() -> None:
     assert f"have a mean of {mean:.0f} " in text
 
 
+def test_the_sum_over_robots_matters_on_one_dataset_only() -> None:
+    text = (ROOT / "docs/results/credit.md").read_text(encoding="utf-8")
+    datasets = re.findall(r"^\| `([\w-]+-medium-replay)` \|", text, re.MULTILINE)
+    pair, waiting = "vdn:vdn-independent-team-sharp", "intersection-medium-replay"
+    found = {
+        name: cell(f"regimes/differences:{pair}:{name}:score", STUDIES)[0] for name in datasets
+    }
+    assert {name for name, change in found.items() if abs(change) > 5} == {waiting}
+    own, team = (
+        cell(f"regimes:vdn-independent{row}:{waiting}:score", STUDIES)[0]
+        for row in ("-sharp", "-team-sharp")
+    )
+    assert len(found) == 6
+    assert "like `vdn` on five of six datasets" in text
+    assert f"the sum is worth {found[waiting]:.0f} points" in text
+    assert f"own rewards without it {own - team:.0f}.**" in text
+
+
 def test_the_table_of_the_readme_is_that_of_the_study() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     halves = []
