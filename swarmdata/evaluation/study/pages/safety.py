@@ -1,6 +1,7 @@
 """The sections on safety: success, success without a collision, and collisions of every row."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from swarmdata.drawing import markdown
@@ -15,6 +16,7 @@ from swarmdata.evaluation.figures.dot_plot import (
 from swarmdata.evaluation.results.aggregates import collisions, pareto_front
 from swarmdata.evaluation.results.estimate_table import Column
 from swarmdata.evaluation.results.result_plots import plot_pareto
+from swarmdata.evaluation.results.result_set import Case
 from swarmdata.evaluation.study.pages.collect_results import Findings, facts_by_dataset
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, plot_board
 from swarmdata.evaluation.study.pages.study_tables import scoreboard_table
@@ -111,9 +113,19 @@ def safety_sections(found: Findings, out: Path) -> dict[str, str]:
         f"{markdown.table(head, rows)}\n"
         "![success, clean success and collisions](safety.png)\n"
     )
-    plot_pareto(found.results.cases, out / "collisions.png", found.looks)
+    plot_pareto(_without_ablations(found), out / "collisions.png", found.looks)
     returns = (
         "A line joins the Pareto-optimal rows of a dataset, which are filled; the dashed line is "
         "the mean return of the data.\n\n![team return against collisions](collisions.png)\n"
     )
     return {"Success and collisions": body, "Return and collisions": returns}
+
+
+def _without_ablations(found: Findings) -> list[Case]:
+    """The cases without rows that are there to explain others, of which there may be many."""
+    return [
+        replace(
+            case, runs={k: v for k, v in case.runs.items() if found.families.get(k) != "ablations"}
+        )
+        for case in found.results.cases
+    ]
