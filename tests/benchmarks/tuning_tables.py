@@ -1,7 +1,9 @@
 """What `swarmdata tune` found for many algorithms on two datasets: trials, a table and curves.
 
-python -m tests.benchmarks.tuning_tables             prints the table, draws the curves
-python -m tests.benchmarks.tuning_tables FOLDER...   adds the trials of folders of `tune` first
+    python -m tests.benchmarks.tuning_tables             prints the table, draws the curves
+    python -m tests.benchmarks.tuning_tables FOLDER...   adds the trials of folders of `tune` first
+
+The trials are in docs/measurements/tuning-two-datasets.csv.
 """
 
 import csv
