@@ -19,9 +19,6 @@ from all observations, and a robot that sees less than all can read it neither t
 `bc_latent` ties its latent to whole episodes.
 
 With `memory` gru the actors remember (`learn.memory`); the flow sees the present of all robots.
-
-Published studies other than `regimes` and `one-policy` are of an earlier version, whose flow gave
-the actions of all robots by one network and whose students copied F(c, z).
 """
 
 from dataclasses import dataclass

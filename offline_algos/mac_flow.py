@@ -47,10 +47,6 @@ A mean over the data of (a - m)^2 would be v plus the squared error of m, and so
 flow fits badly. Beside the copy's error this is `anchored_loss` of `learn.objectives.losses`, times
 2 v / A: actions leave the flow's by at most eta v times `slope_limit`, whatever the unit of
 rewards.
-
-Published studies other than `regimes` and `one-policy` are of an earlier version, whose flow gave
-the actions of all robots by one network, whose actors copied F(c, z) itself, and whose v was the
-mean of (a - m)^2.
 """
 
 from collections.abc import Callable, Mapping
