@@ -194,6 +194,7 @@ class Comparison(NamedTuple):
     largest_difference: float  # of two values that both runs define
     n_one_sided: int  # values that one run defines and the other does not, among the different
     first_differing_update: int | None  # of the losses; None: all are equal, or nothing was trained
+    mean_returns: tuple[float, float]  # over seeds and episodes, of the first run and of this one
 
     @property
     def is_same(self) -> bool:
@@ -207,10 +208,12 @@ class Comparison(NamedTuple):
         first, alone = self.first_differing_update, self.n_one_sided
         one_sided = f" (only one run defines {alone:,} of them)" if alone else ""
         losses = "losses are equal" if first is None else f"losses differ from update {first:,} on"
+        before, now = self.mean_returns
         return (
             f"{self.cell}: {self.n_different:,} of {self.n_values:,} values differ, by at most "
-            f"{self.largest_difference:g}{one_sided}; {losses}. Equal bits are promised only on "
-            "the same machine with the same versions."
+            f"{self.largest_difference:g}{one_sided}; {losses}. The mean return was {before:.5g} "
+            f"and is {now:.5g}. Equal bits are promised only on the same machine with the same "
+            "versions."
         )
 
 
@@ -224,7 +227,8 @@ def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
         if failures:
             raise StudyError(f"{cell.name} failed when it was run again: {failures[cell.name]}")
         again = cell.folder(Path(temporary))
-        differences = _result_differences(folder / RESULTS_FOLDER, again / RESULTS_FOLDER)
+        results = (_metrics(folder / RESULTS_FOLDER), _metrics(again / RESULTS_FOLDER))
+        differences = _result_differences(*results)
         first = _first_difference(cell.run_in(folder) / LOSSES, cell.run_in(again) / LOSSES)
     return Comparison(
         cell=cell.name,
@@ -233,16 +237,27 @@ def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
         largest_difference=float(differences[np.isfinite(differences)].max(initial=0.0)),
         n_one_sided=int(np.isinf(differences).sum()),
         first_differing_update=first,
+        mean_returns=(_mean_return(results[0]), _mean_return(results[1])),
     )
 
 
-def _result_differences(one: Path, other: Path) -> Double:
+def _metrics(folder: Path) -> list[Mapping[str, Double]]:
+    """The metrics of each seed's episodes."""
+    return [load_result(file).evaluation.metrics for file in sorted(folder.glob("*.json"))]
+
+
+def _mean_return(seeds: Sequence[Mapping[str, Double]]) -> float:
+    return float(np.mean([metrics["return"] for metrics in seeds]))
+
+
+def _result_differences(
+    one: Sequence[Mapping[str, Double]], other: Sequence[Mapping[str, Double]]
+) -> Double:
     """Absolute differences of all values; infinity for a value that only one side defines."""
     found = []
-    for file in sorted(one.glob("*.json")):
-        first, second = load_result(file).evaluation, load_result(other / file.name).evaluation
-        for name, a in first.metrics.items():
-            b = second.metrics[name]
+    for first, second in zip(one, other, strict=True):
+        for name, a in first.items():
+            b = second[name]
             both_undefined = np.isnan(a) & np.isnan(b)
             found.append(np.where(both_undefined, 0.0, np.nan_to_num(np.abs(a - b), nan=np.inf)))
     return np.concatenate(found)

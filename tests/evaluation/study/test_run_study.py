@@ -44,6 +44,8 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     assert (other.n_different, other.largest_difference) == (1, 0.5)
     assert other.first_differing_update is None
     assert "1 of " in other.sentence()
+    before, now = other.mean_returns
+    assert before - now == pytest.approx(0.5 / (cell.n_episodes * len(cell.seeds)))
     change_first_value(folder, "time_to_goal", lambda time: 1.5 if time is None else None)
     other = reproduce_cell(folder, progress=False)
     assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
