@@ -1,15 +1,15 @@
-"""What `swarmdata tune` found for many algorithms on two datasets: trials, a table and curves.
+"""What `swarmdata tune` found for many algorithms on the same datasets: trials, tables and curves.
 
-    python -m tests.benchmarks.tuning_tables             prints the table, draws the curves
+    python -m tests.benchmarks.tuning_tables             prints the tables, draws the curves
     python -m tests.benchmarks.tuning_tables FOLDER...   adds the trials of folders of `tune` first
 
-The trials are in docs/measurements/tuning-two-datasets.csv.
+The trials are in docs/measurements/tuning.csv.
 """
 
 import csv
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import nan
 from pathlib import Path
 
@@ -29,8 +29,15 @@ from swarmdata.evaluation.tuning.tuning_record import expected_scores
 from swarmdata.types import Double
 
 MEASURED = Path(__file__).parents[2] / "docs/measurements"
-TRIALS, CURVES = MEASURED / "tuning-two-datasets.csv", MEASURED / "tuning-two-datasets.png"
-DATASETS = ("coop_nav-medium-replay", "transport-medium-replay")
+TRIALS, CURVES = MEASURED / "tuning.csv", MEASURED / "tuning.png"
+EVERY = ("coop_nav-medium-replay", "transport-medium-replay")  # every algorithm was tuned on these
+DATASETS = (
+    *EVERY,
+    "formation-medium-replay",
+    "warehouse-medium-replay",
+    "coop_nav-expert",
+    "warehouse-expert",
+)
 ESTIMATE = "fqe_pessimistic"
 SUBSET = "-200k"  # ends the names of the parts of datasets that are tuned on
 
@@ -55,8 +62,9 @@ def trials_of(folder: Path) -> list[dict[str, str]]:
         settings = "; ".join(f"{name}={row[name]}" for name in names if row[name])
         numbers = {}
         for dataset in DATASETS:
+            score = row.get(f"score:{dataset}{SUBSET}")
             estimate = row.get(f"{ESTIMATE}:{dataset}{SUBSET}")
-            numbers[dataset] = f"{float(row[f'score:{dataset}{SUBSET}']):.1f}"
+            numbers[dataset] = f"{float(score):.1f}" if score else ""
             numbers[f"{ESTIMATE} on {dataset}"] = f"{float(estimate):.3f}" if estimate else ""
         found.append(
             {"algorithm": algorithm, "trial": row["trial"], "settings": settings, **numbers}
@@ -64,8 +72,32 @@ def trials_of(folder: Path) -> list[dict[str, str]]:
     return found
 
 
+def merged(
+    old: Sequence[Mapping[str, str]], new: Sequence[Mapping[str, str]]
+) -> list[dict[str, str]]:
+    """Old trials with the numbers of new ones, which may be of other datasets.
+
+    Raises:
+        ValueError: the trials have other settings.
+    """
+    if not old:
+        return [dict(row) for row in new]
+    if [row["settings"] for row in old] != [row["settings"] for row in new]:
+        raise ValueError(f"{new[0]['algorithm']} has other trials in {TRIALS}: other settings")
+    return [
+        {**a, **{name: value for name, value in b.items() if value}}
+        for a, b in zip(old, new, strict=True)
+    ]
+
+
 def scores_of(rows: Sequence[Mapping[str, str]], dataset: str) -> Double:
     return np.array([float(row[dataset]) for row in rows])
+
+
+def mean_scores(rows: Sequence[Mapping[str, str]], datasets: Iterable[str]) -> Double:
+    """The mean of each trial over datasets."""
+    mean: Double = np.mean([scores_of(rows, each) for each in datasets], axis=0)
+    return mean
 
 
 def by_estimate(rows: Sequence[Mapping[str, str]], dataset: str) -> float:
@@ -77,33 +109,54 @@ def by_estimate(rows: Sequence[Mapping[str, str]], dataset: str) -> float:
 
 
 def summary(rows: Sequence[Mapping[str, str]]) -> list[float]:
-    """Default, expected best of 3, best of all, and chosen by estimates; of both datasets."""
+    """Default, expected best of 3, best of all, and chosen by estimates; of two datasets."""
     found: list[float] = []
-    for dataset in DATASETS:
+    for dataset in EVERY:
         scores = scores_of(rows, dataset)
         best = expected_scores(scores, scores)
         found += [best[0], best[2], best[-1], by_estimate(rows, dataset)]
     return found
 
 
-def table(trials: Trials) -> str:
-    """The rows of the table in docs/measurements.md."""
-    lines = [
-        [
-            f"`{name}`",
-            *("–" if np.isnan(v) else f"{v:.1f}".replace("-", "−") for v in summary(rows)),
-        ]
-        for name, rows in trials.items()
-    ]
+def tuned_on_all(trials: Trials) -> Trials:
+    """The algorithms that were tuned on all datasets."""
+    return {name: rows for name, rows in trials.items() if all(rows[0][each] for each in DATASETS)}
+
+
+def chosen_trials(rows: Sequence[Mapping[str, str]]) -> dict[str, int]:
+    """The default, and the trial with the highest mean over all datasets."""
+    return {"default": 0, "chosen": int(np.argmax(mean_scores(rows, DATASETS)))}
+
+
+def _row(name: str, numbers: Iterable[float]) -> list[str]:
+    return [name, *("–" if np.isnan(v) else f"{v:.1f}".replace("-", "−") for v in numbers)]
+
+
+def tables(trials: Trials) -> str:
+    """The two tables in docs/measurements.md."""
     heads = ("default", "best of 3", "best of 12", "by estimate")
-    return markdown.table(["algorithm", *heads, *heads], lines, is_numeric=True)
+    separate = [_row(f"`{name}`", summary(rows)) for name, rows in trials.items()]
+    common = [
+        _row(
+            f"`{name}`, {which}",
+            [mean_scores(rows, DATASETS)[k], *(scores_of(rows, each)[k] for each in DATASETS)],
+        )
+        for name, rows in tuned_on_all(trials).items()
+        for which, k in chosen_trials(rows).items()
+    ]
+    return "\n\n".join(
+        (
+            markdown.table(["algorithm", *heads, *heads], separate, is_numeric=True),
+            markdown.table(["algorithm", "mean", *DATASETS], common, is_numeric=True),
+        )
+    )
 
 
 def draw(trials: Trials, path: Path) -> None:
     looks = line_looks(family_looks({name: FAMILY_OF[name] for name in trials}))
     with figure(path, width=7.0, height=2.6) as drawing:
-        panels = drawing.subplots(1, len(DATASETS))
-        for axes, dataset in zip(panels, DATASETS, strict=True):
+        panels = drawing.subplots(1, len(EVERY))
+        for axes, dataset in zip(panels, EVERY, strict=True):
             for name, rows in trials.items():
                 scores = scores_of(rows, dataset)
                 curve = expected_scores(scores, scores)
@@ -117,7 +170,11 @@ def draw(trials: Trials, path: Path) -> None:
 if __name__ == "__main__":
     known = read_trials()
     for rows in map(trials_of, map(Path, sys.argv[1:])):
-        known[rows[0]["algorithm"]] = rows
-    TRIALS.write_text(to_csv([row for rows in known.values() for row in rows]), "utf-8")
-    print(table(known))
+        known[rows[0]["algorithm"]] = merged(known.get(rows[0]["algorithm"], []), rows)
+    columns = ["algorithm", "trial", "settings"]
+    for dataset in DATASETS:
+        columns += [dataset, f"{ESTIMATE} on {dataset}"]
+    every = [row for rows in known.values() for row in rows]
+    TRIALS.write_text(to_csv([{name: row.get(name, "") for name in columns} for row in every]))
+    print(tables(known))
     draw(known, CURVES)

@@ -193,7 +193,8 @@ class Comparison(NamedTuple):
     n_different: int
     largest_difference: float  # of two values that both runs define
     n_one_sided: int  # values that one run defines and the other does not, among the different
-    first_differing_update: int | None  # of the losses; None: all are equal, or nothing was trained
+    has_losses: bool  # whether they are compared; a cell unpacked from an archive has none
+    first_differing_update: int | None  # of the losses; None: none differs
     mean_returns: tuple[float, float]  # over seeds and episodes, of the first run and of this one
 
     @property
@@ -204,10 +205,13 @@ class Comparison(NamedTuple):
     def sentence(self) -> str:
         """The comparison in words."""
         if self.is_same:
-            return f"{self.cell}: all {self.n_values:,} values and all losses are the same."
+            losses = " and all losses" if self.has_losses else ""
+            return f"{self.cell}: all {self.n_values:,} values{losses} are the same."
         first, alone = self.first_differing_update, self.n_one_sided
         one_sided = f" (only one run defines {alone:,} of them)" if alone else ""
-        losses = "losses are equal" if first is None else f"losses differ from update {first:,} on"
+        losses = "losses are equal" if self.has_losses else "losses were not kept"
+        if first is not None:
+            losses = f"losses differ from update {first:,} on"
         before, now = self.mean_returns
         return (
             f"{self.cell}: {self.n_different:,} of {self.n_values:,} values differ, by at most "
@@ -229,13 +233,16 @@ def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
         again = cell.folder(Path(temporary))
         results = (_metrics(folder / RESULTS_FOLDER), _metrics(again / RESULTS_FOLDER))
         differences = _result_differences(*results)
-        first = _first_difference(cell.run_in(folder) / LOSSES, cell.run_in(again) / LOSSES)
+        losses = (cell.run_in(folder) / LOSSES, cell.run_in(again) / LOSSES)
+        has_losses = losses[0].exists()
+        first = _first_difference(*losses) if has_losses else None
     return Comparison(
         cell=cell.name,
         n_values=len(differences),
         n_different=int((differences > 0).sum()),
         largest_difference=float(differences[np.isfinite(differences)].max(initial=0.0)),
         n_one_sided=int(np.isinf(differences).sum()),
+        has_losses=has_losses,
         first_differing_update=first,
         mean_returns=(_mean_return(results[0]), _mean_return(results[1])),
     )
@@ -264,8 +271,6 @@ def _result_differences(
 
 
 def _first_difference(one: Path, other: Path) -> int | None:
-    if not one.exists():
-        return None
     pairs = zip(read_table(one), read_table(other), strict=True)
     return next((int(a["update"]) for a, b in pairs if a != b), None)
 

@@ -1,6 +1,7 @@
 """The command, and a cell that is run again to check it: what is the same, what differs."""
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -44,12 +45,15 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
     assert (other.n_different, other.largest_difference) == (1, 0.5)
     assert other.first_differing_update is None
     assert "1 of " in other.sentence()
+    assert "losses are equal" in other.sentence()
     before, now = other.mean_returns
     assert before - now == pytest.approx(0.5 / (cell.n_episodes * len(cell.seeds)))
     change_first_value(folder, "time_to_goal", lambda time: 1.5 if time is None else None)
     other = reproduce_cell(folder, progress=False)
     assert (other.n_different, other.largest_difference, other.n_one_sided) == (2, 0.5, 1)
     assert "by at most 0.5 (only one run defines 1 of them)" in other.sentence()
+    shutil.rmtree(cell.run_in(folder))  # as in a cell that was unpacked from an archive
+    assert "losses were not kept" in reproduce_cell(folder, progress=False).sentence()
 
 
 def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path) -> None:
