@@ -17,12 +17,14 @@ from swarmdata.evaluation.study.cells.cell_worker import run_cell
 from swarmdata.evaluation.study.cells.cells import DONE_FILE, RESULTS_FOLDER, Cell, cells_of
 from swarmdata.evaluation.study.cells.run_cells import remove_stale, run_cells, select_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of, short_name
+from swarmdata.evaluation.study.pages.cell_archive import ARCHIVE_FILE, DECIMALS, unpack_cell
 from swarmdata.evaluation.study.pages.collect_results import (
     Findings,
     collect_findings,
     is_in_grid,
 )
 from swarmdata.evaluation.study.pages.study_folder import STUDY, write_pages
+from swarmdata.evaluation.study.pages.study_tables import RUN_METRICS
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.evaluation.study.shifts.shift import (
     TASKS_FILE,
@@ -189,7 +191,7 @@ class Comparison(NamedTuple):
     """Two runs of the same cell."""
 
     cell: str  # its name
-    n_values: int  # of results: seeds times episodes times metrics
+    n_values: int  # of results, as pages show them: seeds times episodes times metrics
     n_different: int
     largest_difference: float  # of two values that both runs define
     n_one_sided: int  # values that one run defines and the other does not, among the different
@@ -199,7 +201,7 @@ class Comparison(NamedTuple):
 
     @property
     def is_same(self) -> bool:
-        """Whether results and losses have the same bits."""
+        """Whether the results, as pages show them, and the losses are the same."""
         return self.n_different == 0 and self.first_differing_update is None
 
     def sentence(self) -> str:
@@ -216,16 +218,21 @@ class Comparison(NamedTuple):
         return (
             f"{self.cell}: {self.n_different:,} of {self.n_values:,} values differ, by at most "
             f"{self.largest_difference:g}{one_sided}; {losses}. The mean return was {before:.5g} "
-            f"and is {now:.5g}. Equal bits are promised only on the same machine with the same "
+            f"and is {now:.5g}. Equal numbers are promised only on the same machine with the same "
             "versions."
         )
 
 
-def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
-    """Runs a finished cell again in a temporary folder, from its recorded configuration."""
+def reproduce_cell(folder: Path, source: str | None = None, *, progress: bool) -> Comparison:
+    """Runs a finished cell again in a temporary folder, from its recorded configuration.
+
+    `source` is where its data are, if that is not recorded.
+    """
     if not (folder / DONE_FILE).exists():
-        raise StudyError(f"{folder} holds no finished cell. Run the study first.")
+        raise StudyError(f"{folder.parent.name}/{folder.name} is not finished. Run it first.")
     cell = Cell.in_folder(folder)
+    if source is not None:
+        cell = cell.model_copy(update={"source": source})
     with tempfile.TemporaryDirectory(prefix="swarmdata-check-") as temporary:
         failures = run_cells([cell], Path(temporary), workers=1, progress=progress)
         if failures:
@@ -248,9 +255,13 @@ def reproduce_cell(folder: Path, *, progress: bool) -> Comparison:
     )
 
 
-def _metrics(folder: Path) -> list[Mapping[str, Double]]:
-    """The metrics of each seed's episodes."""
-    return [load_result(file).evaluation.metrics for file in sorted(folder.glob("*.json"))]
+def _metrics(folder: Path) -> list[dict[str, Double]]:
+    """The metrics of each seed's episodes that pages are made from, and archives keep."""
+    seeds = [load_result(file).evaluation.metrics for file in sorted(folder.glob("*.json"))]
+    return [
+        {name: metrics[name].round(DECIMALS) for name in metrics if name in RUN_METRICS}
+        for metrics in seeds
+    ]
 
 
 def _mean_return(seeds: Sequence[Mapping[str, Double]]) -> float:
@@ -278,15 +289,21 @@ def _first_difference(one: Path, other: Path) -> int | None:
 def reproduce_study_cell(study: Study, name: str, options: StudyOptions) -> Comparison:
     """Runs a finished cell of a study again in a temporary folder, and compares the results.
 
+    A cell that is not in the folder for runs is taken from the archive beside the study's page.
+
     Raises:
         UnknownNameError: no such cell.
+        StudyError: it is not finished, or `name` matches several.
     """
-    work, folder = options.work_of(study), options.work_of(study) / "cells" / name
-    if not (folder / DONE_FILE).exists():  # neither of the grid nor of a sweep
-        found = select_cells(all_cells(study, progress=options.progress), name)
-        if len(found) > 1:
-            raise StudyError(
-                f"{name!r} matches {len(found)} cells, expected one: {found[0].name}, ..."
-            )
-        folder = found[0].folder(work)
-    return reproduce_cell(folder, progress=options.progress)
+    folder = options.work_of(study) / "cells" / name
+    if (folder / DONE_FILE).exists():  # also one of a sweep
+        return reproduce_cell(folder, progress=options.progress)
+    found = select_cells(all_cells(study, progress=options.progress), name)
+    if len(found) > 1:
+        raise StudyError(f"{name!r} matches {len(found)} cells, expected one: {found[0].name}, ...")
+    with tempfile.TemporaryDirectory(prefix="swarmdata-check-") as temporary:
+        archive, work = options.out / ARCHIVE_FILE, Path(temporary)
+        if archive.exists():
+            unpack_cell(archive, found[0].name, work)
+        folder, source = found[0].folder(work), found[0].source  # archives name no folders
+        return reproduce_cell(folder, source, progress=options.progress)

@@ -34,7 +34,7 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
 ) -> None:
     (cell, *_) = cells_of(make_study(), digest_of)
     folder = cell.folder(tmp_path)
-    with pytest.raises(StudyError, match="holds no finished cell"):
+    with pytest.raises(StudyError, match="is not finished"):
         reproduce_cell(folder, progress=False)
     run_cells([cell], tmp_path, progress=False)
     same = reproduce_cell(folder, progress=False)
@@ -57,12 +57,19 @@ def test_a_cell_done_again_is_the_same_and_a_changed_one_is_not(
 
 
 def test_the_command_writes_checks_and_refuses(make_study: Make, tmp_path: Path) -> None:
-    file, folders = tmp_path / "study.yaml", ("--out", tmp_path / "o", "--work", tmp_path / "w")
+    file, folders = tmp_path / "study.yaml", ("--work", tmp_path / "w")
+    out = tmp_path / "tiny"  # beside the plan
     file.write_text(make_study(algorithms={"bc": BC}, seeds=[0]).to_yaml())
-    assert str(tmp_path / "o" / "report.md") in run("study", file, *folders)
-    assert "are the same" in run("study", file, *folders[2:], "--check", "bc/coop_nav-tiny-v0")
-    assert str(tmp_path / "o" / "report.md") in run("study", tmp_path / "o")
-    assert "--only: it has no effect" in run("study", tmp_path / "o", "--only", "bc/*", code=2)
+    assert str(out / "report.md") in run("study", file, *folders)
+    check = ("study", file, *folders, "--check", "bc/coop_nav-tiny-v0")
+    assert "values and all losses are the same" in run(*check)
+    shutil.rmtree(tmp_path / "w")
+    assert "values are the same" in run(*check)  # as those in the archive
+    (out / "cells.tar.xz").unlink()
+    assert "bc/coop_nav-tiny-v0 is not finished" in run(*check, code=1)
+    assert str(out / "report.md") in run("study", file, *folders)
+    assert str(out / "report.md") in run("study", out)
+    assert "--only: it has no effect" in run("study", out, "--only", "bc/*", code=2)
     file.write_text(make_study(algorithms={"bc": BC}, seeds=[0], episodes=3).to_yaml())
     assert "--again to delete these cells" in run("study", file, *folders, code=1)
     file.write_text(f"{file.read_text()}seed: 1\n")

@@ -100,3 +100,10 @@ def read_archive(study: Study, file: Path, folder: Path) -> tuple[Findings, Note
     cells = [Cell.in_folder(path.parent) for path in sorted(folder.glob(f"cells/*/*/{CELL_FILE}"))]
     found = collect_findings(study, cells, folder, {})
     return replace(found, missing=notes.missing), notes
+
+
+def unpack_cell(file: Path, name: str, folder: Path) -> None:
+    """Unpacks one cell of a study's archive into a folder of cells; nothing if it has none."""
+    with tarfile.open(file, mode="r:xz") as archive:
+        members = [each for each in archive if each.name.startswith(f"cells/{name}/")]
+        archive.extractall(folder, members, filter="data")
