@@ -93,6 +93,7 @@ class ResultSource:
     charts: tuple[LineSet, ...] = ()  # learning curves and sweeps
     is_own: bool = False  # it is no study of this installation
     is_verified: bool = False  # it is an entry of a leaderboard that was verified
+    submitted: str = ""  # the day that an entry says, such as 2026-12-01; empty: none
 
     def with_outcomes(self, change: Callable[["ResultSource", Outcome], Outcome]) -> "ResultSource":
         """Returns the source with each outcome changed."""
@@ -159,7 +160,7 @@ def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
     Those that pass have the metrics that the verification evaluated, not those of their files.
     """
     require_extra("torch", "torch", "verifying entries")
-    from swarmdata.evaluation.leaderboard.entry import ENTRY  # noqa: PLC0415  (torch)
+    from swarmdata.evaluation.leaderboard.entry import ENTRY, Description  # noqa: PLC0415  (torch)
     from swarmdata.evaluation.leaderboard.verify import verify  # noqa: PLC0415  (torch)
 
     places = sorted(each.parent for each in folder.glob(f"*/{ENTRY}"))
@@ -175,7 +176,11 @@ def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
             failures.tell(f"{place}: verified")
             name = place.resolve().name
             source = _of_results(group_results(verdict.results), name)
-            found.append(replace(source, title=f"Entry {name}", is_own=True, is_verified=True))
+            said = Description.from_file(place / ENTRY).submitted
+            day = "" if said is None else said.isoformat()
+            found.append(
+                replace(source, title=f"Entry {name}", is_own=True, is_verified=True, submitted=day)
+            )
     return found
 
 

@@ -1,6 +1,7 @@
 """Results are read from studies and result files, and what is not a result is refused."""
 
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,6 +29,7 @@ from swarmdata.learn.training.run_files import find_run, run_hash
 from swarmdata.numerics.random import validation_seeds
 from swarmdata.registry.presets import preset
 from swarmdata.rollouts.score_intervals import difference_interval
+from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.batches import Failures
 from swarmdata.specs.model_choice import with_models
 from swarmdata.specs.origins import SideSpec
@@ -255,11 +257,22 @@ def test_entries_are_compared_with_the_best_run_of_the_zoo() -> None:
     case = group_results([*mine.results, *studies[0].outcomes[0].results]).cases[0]
     expected = difference_interval(case.scores("mine"), case.scores("bc"))
     assert compared.difference.score == expected
-    page = page_of([source], frozenset())
-    assert page.count("zoo:bc/coop_nav-expert, paired by episode.") == 1
-    assert (
-        f": score +{expected.value:.1f} [{expected.low:.1f}, {expected.high:.1f}] relative to"
-        in page
+    measured = Estimate(70.0, 69.0, 71.0)
+    old, new = (
+        replace(
+            source,
+            outcomes=(replace(compared, label=label, estimates={"score": measured}),),
+            is_verified=True,
+            submitted=day,
+        )
+        for label, day in (("old", "2026-11-30"), ("new", "2026-12-01"))
+    )
+    page = page_of([new, old], frozenset())
+    lines = re.findall(r"<p class=\"note\">(2026-\S+) <strong>(\w+)</strong>: (.+?)</p>", page)
+    assert [line[:2] for line in lines] == [("2026-11-30", "old"), ("2026-12-01", "new")]
+    assert lines[0][2] == (
+        f"score 70.0 [69.0, 71.0], +{expected.value:.1f} [{expected.low:.1f}, {expected.high:.1f}]"
+        " relative to zoo:bc/coop_nav-expert, paired by episode."
     )
 
 

@@ -19,9 +19,9 @@ from swarmdata.catalogue.pages.page_frame import Page
 from swarmdata.catalogue.pages.results_tables import (
     about,
     brief_table,
+    entry_lines,
     family_key,
     series_of,
-    zoo_differences,
 )
 from swarmdata.catalogue.pages.task_facts import arrays_part, lead, reward_part
 from swarmdata.catalogue.pages.viewer_parts import episode_table, series_viewer, world_viewer
@@ -187,7 +187,7 @@ def _baselines(entry: Entry, results: Sequence[Board]) -> Html:
         "results",
         element("p", f"{where}{about(board)}", class_="note"),
         brief_table(board, rows, series, "../"),
-        *zoo_differences(board),
+        *entry_lines(board),
         family_key(families, series),
         element("p", element("a", f"All {len(board.rows)} results", href=address)),
     )

@@ -11,9 +11,9 @@ from swarmdata.catalogue.pages.results_tables import (
     UNKNOWN_SERIES,
     about,
     board_table,
+    entry_lines,
     family_key,
     series_of,
-    zoo_differences,
 )
 from swarmdata.catalogue.result_sources import ResultSource
 from swarmdata.drawing.style import family_name
@@ -77,7 +77,7 @@ def _section(board: Board, series: dict[str, int], known: frozenset[str], key: s
         "section",
         element("h2", title, id=f"{key}-title"),
         element("p", about(board), class_="note"),
-        *zoo_differences(board),
+        *entry_lines(board),
         family_key(families, series),
         board_table(board, board.rows, series, key=key),
         class_="leaderboard",

@@ -49,18 +49,20 @@ def about(board: Board) -> str:
     return f"{text}Rows of the study {board.study.title}: {updates}{seeds} training seeds each."
 
 
-def zoo_differences(board: Board) -> list[Html]:
-    """What entries score above or below the best run of the zoo, a line for each."""
-    return [
-        element(
-            "p",
-            element("strong", row.outcome.label),
-            f": score {zoo_difference(row.outcome.difference)}, paired by episode.",
-            class_="note",
-        )
-        for row in board.rows
-        if row.outcome.difference is not None
-    ]
+def entry_lines(board: Board) -> list[Html]:
+    """The verified entries, the oldest first, with their scores: a line for each."""
+    rows = [row for row in board.rows if row.source.is_verified]
+    rows.sort(key=lambda row: (row.source.submitted, row.outcome.label))
+    return [_entry_line(row, board.quantity) for row in rows]
+
+
+def _entry_line(row: Row, quantity: str) -> Html:
+    found, difference = row.outcome.estimates[quantity], row.outcome.difference
+    text = f": {quantity} {format_estimate(found, COLUMNS[quantity])}"
+    if difference is not None:
+        text += f", {zoo_difference(difference)}, paired by episode"
+    day = f"{row.source.submitted} " if row.source.submitted else ""
+    return element("p", day, element("strong", row.outcome.label), f"{text}.", class_="note")
 
 
 def zoo_difference(found: ZooDifference) -> str:

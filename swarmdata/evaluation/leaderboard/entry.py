@@ -10,6 +10,7 @@ Nothing in it can be executed.
 import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, Literal
 
@@ -58,6 +59,7 @@ class Description(Frozen):
     trials: Natural  # configurations that were tried, this one included
     tuning_episodes: Natural  # simulated episodes that settings were chosen on; 0: none
     policies: tuple[Sha256, ...]  # of policy-0, policy-1, ...
+    submitted: date | None = None  # day of UTC; older entries say none
     is_onnx: bool = False  # whether the policies are files of ONNX, of another library
 
     @property
@@ -105,6 +107,7 @@ def submit(
         "name": name, "dataset": recipe.id, "digest": digest,
         "algorithm": team.provenances[0].algorithm or name, "license": license, "code": code,
         "trials": trials, "tuning_episodes": tuning_episodes, "is_onnx": is_onnx,
+        "submitted": datetime.now(UTC).date(),
     }  # fmt: skip
     with filled(out, ENTRY_FOLDER, whole=True) as folder:
         names = [policy_name(i, is_onnx=is_onnx) for i in range(len(team.policies))]
