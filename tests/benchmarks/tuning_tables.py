@@ -128,26 +128,28 @@ def chosen_trials(rows: Sequence[Mapping[str, str]]) -> dict[str, int]:
     return {"default": 0, "chosen": int(np.argmax(mean_scores(rows, DATASETS)))}
 
 
-def _row(name: str, numbers: Iterable[float]) -> list[str]:
+def row_of(name: str, numbers: Iterable[float]) -> list[str]:
+    """A row of a table."""
     return [name, *("–" if np.isnan(v) else f"{v:.1f}".replace("-", "−") for v in numbers)]
 
 
 def tables(trials: Trials) -> str:
     """The two tables in docs/measurements.md."""
     heads = ("default", "best of 3", "best of 12", "by estimate")
-    separate = [_row(f"`{name}`", summary(rows)) for name, rows in trials.items()]
+    separate = [row_of(f"`{name}`", summary(rows)) for name, rows in trials.items()]
     common = [
-        _row(
+        row_of(
             f"`{name}`, {which}",
             [mean_scores(rows, DATASETS)[k], *(scores_of(rows, each)[k] for each in DATASETS)],
         )
         for name, rows in tuned_on_all(trials).items()
         for which, k in chosen_trials(rows).items()
     ]
+    names = [f"`{each}`" for each in DATASETS]
     return "\n\n".join(
         (
             markdown.table(["algorithm", *heads, *heads], separate, is_numeric=True),
-            markdown.table(["algorithm", "mean", *DATASETS], common, is_numeric=True),
+            markdown.table(["algorithm", "mean", *names], common, is_numeric=True),
         )
     )
 
@@ -176,5 +178,5 @@ if __name__ == "__main__":
         columns += [dataset, f"{ESTIMATE} on {dataset}"]
     every = [row for rows in known.values() for row in rows]
     TRIALS.write_text(to_csv([{name: row.get(name, "") for name in columns} for row in every]))
-    print(tables(known))
+    print(tables(read_trials()))
     draw(known, CURVES)
