@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+from itertools import combinations
 from pathlib import Path
 
 import pytest
@@ -51,6 +52,24 @@ def test_the_cost_of_all_studies_is_the_sum_of_their_costs() -> None:
     hours = sum(float(seconds) for _, seconds in rows) / 3600
     text = (ROOT / "docs/results/README.md").read_text(encoding="utf-8")
     assert f"took {hours:.0f} hours of processor time for {len(rows)} combinations" in text
+
+
+def test_what_doubling_the_updates_changes() -> None:
+    text = (ROOT / "docs/results/training-length.md").read_text(encoding="utf-8")
+    plan = yaml.safe_load((STUDIES / "doubling/study.yaml").read_text(encoding="utf-8"))
+    labels = [label for label in plan["algorithms"] if not label.endswith("-2x")]
+
+    def score(label: str, name: str) -> float:
+        return cell(f"doubling:{label}:{name}:score", STUDIES)[0]
+
+    pairs = [(a, b, name) for a, b in combinations(labels, 2) for name in plan["datasets"]]
+    kept = sum(
+        (score(a, name) > score(b, name)) == (score(f"{a}-2x", name) > score(f"{b}-2x", name))
+        for a, b, name in pairs
+    )
+    assert f"{kept} of {len(pairs)} pairs of algorithms keep their order" in text
+    gains = [score(f"{a}-2x", name) - score(a, name) for a in labels for name in plan["datasets"]]
+    assert f"by up to {max(gains):.0f} points" in text
 
 
 def test_sentences_about_the_core_are_those_of_the_files() -> None:
