@@ -177,6 +177,7 @@ if __name__ == "__main__":
     for dataset in DATASETS:
         columns += [dataset, f"{ESTIMATE} on {dataset}"]
     every = [row for rows in known.values() for row in rows]
-    TRIALS.write_text(to_csv([{name: row.get(name, "") for name in columns} for row in every]))
+    table = to_csv([{name: row.get(name, "") for name in columns} for row in every])
+    TRIALS.write_text(table, "utf-8")
     print(tables(read_trials()))
-    draw(known, CURVES)
+    draw(read_trials(), CURVES)

@@ -72,6 +72,38 @@ def test_what_doubling_the_updates_changes() -> None:
     assert f"by up to {max(gains):.0f} points" in text
 
 
+def test_what_training_in_the_task_is_worth() -> None:
+    """Distances of the best algorithms online and offline, and of `mappo` and `matd3`."""
+    online = _rows(STUDIES / "online/estimates.csv")
+    offline = _rows(STUDIES / "regimes/estimates.csv")
+    tasks = ("coop_nav", "formation", "transport", "warehouse")
+
+    def best(rows: list[dict[str, str]], ends: tuple[str, str]) -> float:
+        return max(
+            float(row["mean"])
+            for row in rows
+            if (row["quantity"], row["family"] == "ablations") == ("score", False)
+            and row["label"].endswith(ends[0])
+            and row["dataset"].removesuffix("-v1") == ends[1]
+        )
+
+    lead, behind = [], {}
+    for task in tasks:
+        found = best(online, (f"-{task}", ""))
+        lead.append(found - best(offline, ("", f"{task}-medium-replay")))
+        mappo = cell(f"online:mappo-{task}::score", STUDIES)[0]
+        behind[task] = mappo - cell(f"regimes:matd3:{task}-medium-replay:score", STUDIES)[0]
+    page = (ROOT / "docs/results/online.md").read_text(encoding="utf-8")
+    said = "by {1:.0f} points on `formation`, {0:.0f} on `coop_nav`, {3:.0f} on `warehouse` and "
+    assert f"{said}{{2:.0f}} on `transport`".format(*lead) in page
+    claims = (ROOT / "docs/results/claims.md").read_text(encoding="utf-8")
+    assert max(behind["coop_nav"], behind["formation"]) < 3
+    assert (
+        "`matd3` is within 3 points on `coop_nav` and `formation`, and "
+        f"{behind['warehouse']:.0f} behind on `warehouse`." in claims
+    )
+
+
 def test_sentences_about_the_core_are_those_of_the_files() -> None:
     """Everyone's largest distance to the best of a dataset, and the mean of what `auto` takes."""
     text = (ROOT / "docs/results/core.md").read_text(encoding="utf-8")
@@ -95,6 +127,8 @@ def test_sentences_about_the_core_are_those_of_the_files() -> None:
     assert "means over these six datasets are {}, {} and {}.".format(*others) in tuning
     choices = _rows(ROOT / "docs/measurements/choosing-an-algorithm.csv")
     taken = {row["dataset"].strip("`"): row["auto"].strip("`") for row in choices}
+    above = {name for name in core if scores["matd3", name] > scores["iql", name]}
+    assert above == {name for name in core if taken[name] == "iql"}
     mean = sum(scores[taken[name], name] for name in core) / len(core)
     assert f"have a mean of {mean:.0f} " in text
 

@@ -6,8 +6,12 @@ from math import isnan, nan
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from swarmdata.evaluation.runs.algorithm_choice import CANDIDATES
+from swarmdata.evaluation.study.plan import Study
+from swarmdata.learn.training.settings import as_texts, override
+from swarmdata.registry.components import OFFLINE_ALGORITHMS, resolve
 from tests.benchmarks.tuning_tables import (
     DATASETS,
     EVERY,
@@ -20,7 +24,8 @@ from tests.benchmarks.tuning_tables import (
     tuned_on_all,
 )
 
-PAGE = Path(__file__).parents[2] / "docs/measurements.md"
+ROOT = Path(__file__).parents[2]
+PAGE = ROOT / "docs/measurements.md"
 
 
 def tuned() -> dict[str, list[float]]:
@@ -76,6 +81,18 @@ def test_the_table_of_six_datasets_is_that_of_the_trials() -> None:
         for which, k in chosen_trials(rows).items():
             numbers = [mean_scores(rows, DATASETS)[k], *(scores_of(rows, d)[k] for d in DATASETS)]
             assert row_of(f"`{name}`, {which}", numbers) in _table_rows(page), (name, which)
+
+
+@pytest.mark.parametrize("algorithm", ["iql", "maddpg_bc"])
+def test_the_study_of_tuned_settings_has_those_of_the_chosen_trial(algorithm: str) -> None:
+    rows = read_trials()[algorithm]
+    chosen = rows[chosen_trials(rows)["chosen"]]["settings"]
+    plan = Study.from_file(ROOT / "cards/studies/tuned.yaml")
+    default = resolve("algorithm", OFFLINE_ALGORITHMS, algorithm).Config()
+    known = override(default, as_texts(plan.settings))
+    tuned = override(known, as_texts(plan.algorithms[f"{algorithm}-tuned"].settings))
+    assert tuned == override(default, dict(each.split("=") for each in chosen.split("; ")))
+    assert not {*plan.datasets} & {*DATASETS}
 
 
 def _table_rows(page: str) -> list[list[str]]:
