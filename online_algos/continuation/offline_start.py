@@ -20,7 +20,7 @@ from swarmdata.learn.networks.dataset_statistics import Statistics
 from swarmdata.learn.networks.perceptrons import Layer, StackedLayers, present
 from swarmdata.learn.policies.choice_policy import BinPolicy, ChoicePolicy
 from swarmdata.learn.policies.torch_policy import TorchPolicy
-from swarmdata.learn.training.run_files import is_online, run_folders, run_hash
+from swarmdata.learn.training.run_files import find_run, is_online, run_folders, run_hash
 from swarmdata.learn.training.run_folder import OfflineRun, load_last
 from swarmdata.online_algos.collection.input_moments import InputMoments
 from swarmdata.perception.frames import Frame
@@ -38,7 +38,7 @@ Startable = TorchPolicy | BinPolicy | ChoicePolicy
 class StartSource(Frozen):
     """Which run another one starts from, as its `config.json` keeps it."""
 
-    folder: str  # as it was given
+    folder: str  # or its name in the zoo, as it was given
     content: Sha256  # of the run's files, `run_files.run_hash`
 
 
@@ -100,16 +100,16 @@ def _changes_rewards(view: str | None) -> bool:
     return "rewards" in changes or any(_changes_rewards(part["view"]) for part in parts)
 
 
-def read_start(folder: Path | str) -> OfflineStart:
-    """Reads the run to start from."""
-    path = Path(folder)
+def read_start(name: Path | str) -> OfflineStart:
+    """Reads the run to start from, a folder or `zoo:ALGORITHM/DATASET`."""
+    path = find_run(name) or Path(name)
     if is_online((run_folders(path) or (path,))[0]):
         raise CheckpointError(
-            f"{folder} is a run of online training, expected an offline run to start from. mappo "
+            f"{name} is a run of online training, expected an offline run to start from. mappo "
             "starts from runs of mappo with --set start.policies=RUN."
         )
     loaded = load_last(path)
-    source = StartSource(folder=str(folder), content=run_hash(path, 0))
+    source = StartSource(folder=str(name), content=run_hash(path, 0))
     return OfflineStart(source, loaded.run, loaded.algorithm, loaded.statistics, loaded.is_compact)
 
 
@@ -124,15 +124,25 @@ def check_task(start: OfflineStart, spec: TaskSpec | SideSpec) -> None:
     )
 
 
-def settings_from(start: OfflineStart, kind: Any, features: Sequence[Feature]) -> dict[str, str]:
-    """Returns what an online algorithm's class takes over; SchemaError if it takes over nothing."""
+def begin_with(
+    name: Path | str, kind: Any, spec: TaskSpec | SideSpec, features: Sequence[Feature]
+) -> tuple[OfflineStart, dict[str, str]]:
+    """Reads a run for a task, and the settings that an online algorithm's class takes over.
+
+    `features` are those of the task's observations.
+
+    Raises:
+        CheckpointError: it is no offline run for this task, or its policies do not fit.
+        SchemaError: the class takes over nothing.
+    """
+    start = read_start(name)
+    check_task(start, spec)
     if not hasattr(kind, "settings_of"):
         raise SchemaError(
             f"{kind.__name__} cannot start from an offline run, since it has no settings_of. Leave "
             "out the start, or use another online algorithm."
         )
-    settings: dict[str, str] = kind.settings_of(start, features)
-    return settings
+    return start, kind.settings_of(start, features)
 
 
 def frame_name(frame: Frame | None, features: Sequence[Feature]) -> str:

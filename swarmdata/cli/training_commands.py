@@ -164,7 +164,9 @@ def train_online(
     first_seed: Annotated[int, typer.Option(min=0, help="first seed")] = 0,
     steps: Annotated[float | None, typer.Option(min=1, help="joint steps of each seed")] = None,
     checkpoints: Annotated[int, typer.Option(min=1, help="evaluations on the way")] = 40,
-    start: Annotated[Path | None, typer.Option(help="offline run to begin with")] = None,
+    start: Annotated[
+        Path | None, typer.Option(help="offline run, or zoo:ALGORITHM/DATASET, to begin with")
+    ] = None,
     data: Annotated[
         str | None,
         typer.Option(metavar="ID", help="dataset to mix into the batches, as `train` takes it"),

@@ -24,7 +24,7 @@ from swarmdata.learn.training.run_files import CURVE, CURVE_METRICS, read_table,
 from swarmdata.learn.training.settings import as_texts, check_effects, override
 from swarmdata.learn.training.trainer import Schedule, train_seeds
 from swarmdata.online_algos.collection.recorded_rows import RecordedSource, check_spec
-from swarmdata.online_algos.continuation.offline_start import check_task, read_start, settings_from
+from swarmdata.online_algos.continuation.offline_start import begin_with
 from swarmdata.online_algos.runs.online_training import OnlineRun, describe_run, measure, train_run
 from swarmdata.perception.observer import features_of
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, make_task, resolve
@@ -147,11 +147,9 @@ class OnlineTraining(Frozen):
         )
         who, label = self._opponents(spec)
         acting = _of_side(spec, self.side)
-        begin, settings = None, {}
+        begin, settings = None, dict[str, str]()
         if self.start is not None:
-            begin = read_start(self.start)
-            check_task(begin, acting)
-            settings = settings_from(begin, kind, features_of(make_task(spec)))
+            begin, settings = begin_with(self.start, kind, acting, features_of(make_task(spec)))
         config = override(kind.Config(), {**settings, **self.changes})
         check_effects(config, self.changes)
         data, recorded = None, None
@@ -341,9 +339,9 @@ def train_online(
         communication: communication model, likewise.
         randomization: ranges from which each episode draws, such as `{"mass": (1, 2)}`; None:
             those of the task.
-        start: folder of an offline run for the task, to begin with: its policies, the frame and
-            statistics of their inputs, the sizes of its networks, and critics that fit. Settings
-            that are changed win.
+        start: an offline run for the task to begin with, a folder or `zoo:ALGORITHM/DATASET`: its
+            policies, the frame and statistics of their inputs, the sizes of its networks, and
+            critics that fit. Settings that are changed win.
         data: id or folder of a dataset of the task, as `load` takes it, whose train split is mixed
             into the batches of algorithms with a replay; or several datasets.
         weights: of several datasets, as `load` takes them.

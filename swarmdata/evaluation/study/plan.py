@@ -1,9 +1,10 @@
 """The plan of a study: which algorithms are compared on which datasets, and how."""
 
 from collections.abc import Iterable, Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, field_validator, model_validator
 
 from swarmdata.numerics.random import SeedBlock
 from swarmdata.specs.frozen import Frozen, Positive, is_file
@@ -52,12 +53,15 @@ class Baseline(Frozen):
     algorithm: str | None = None  # registered online
     task: str | None = None  # preset or spec's file
     frames: Count | None = None  # joint steps of each seed; None: the algorithm's default
+    start: str | None = None  # offline run that training begins with, as `train_online` takes it
     settings: dict[str, Any] = Field(default_factory=dict)  # by the names of its Config
 
     @model_validator(mode="after")
     def _one_or_the_other(self) -> Self:
         trains = self.algorithm is not None and self.task is not None
-        if (self.run is None) != trains or (self.run and (self.frames or self.settings)):
+        if (self.run is None) != trains or (
+            self.run and (self.frames or self.start or self.settings)
+        ):
             raise ValueError("expected either `run`, or `algorithm` and `task` with their settings")
         if self.frames is not None:
             _check_one_length("frames", "n_steps", self.settings)
@@ -125,6 +129,13 @@ class TasksPlan(Frozen):
     algorithms: Names  # labels
     tasks: Annotated[Names, Field(min_length=1)]  # presets or specs' files
     episodes: Episodes | None = None  # seeds in each task; None: at most 200 of the study's
+
+    @field_validator("tasks")
+    @classmethod
+    def _names_differ(cls, tasks: Names) -> Names:
+        if twice := repeated(Path(task).stem for task in tasks):
+            raise ValueError(f"several tasks are called {', '.join(twice)}, expected one of each")
+        return tasks
 
 
 class SweepPlan(Frozen):

@@ -99,6 +99,11 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
             {"tasks": {"datasets": [], "algorithms": ["sets"], "tasks": ["coop_nav-n8"]}},
             r"tasks\.algorithms has 'sets'",
         ),
+        (
+            {"tasks": {"datasets": [], "algorithms": [], "tasks": ["easy", "mine/easy.yaml"]}},
+            "several tasks are called easy",
+        ),
+        ({"online": {"x": {"run": "r", "start": "s"}}}, "either `run`, or"),
         ({"core": ["x"]}, "core.datasets has 'x'"),
         ({"datasets": ["a", "b"], "core": ["a"]}, "core needs at least two datasets.*got 1 and 2"),
         (

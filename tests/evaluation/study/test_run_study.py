@@ -13,7 +13,8 @@ from swarmdata.errors import StudyError
 from swarmdata.evaluation.study.cells.cells import RESULTS_FOLDER, cells_of
 from swarmdata.evaluation.study.cells.run_cells import run_cells
 from swarmdata.evaluation.study.cells.study_data import digest_of
-from swarmdata.evaluation.study.run_study import reproduce_cell
+from swarmdata.evaluation.study.run_study import StudyOptions, reproduce_cell, run_study
+from swarmdata.learn.training.run_files import read_table
 from tests.evaluation.study.conftest import BC, Make
 from tests.support.command_line import run
 
@@ -87,3 +88,17 @@ def test_an_online_row_alone_is_done_before_there_is_a_page(
     folders = ("--out", tmp_path / "o", "--work", tmp_path / "w")
     assert "no page yet" in run("study", file, "--only", "learned/*", *folders)
     assert "done  learned/" in run("study", file, "--cells", *folders[2:])
+
+
+@pytest.mark.slow
+def test_an_online_row_begins_with_the_policies_of_an_offline_run(
+    make_study: Make, options: StudyOptions, tmp_path: Path
+) -> None:
+    settings = {"n_copies": 2, "rollout_steps": 16, "batch_size": 8}
+    row = {"algorithm": "maddpg", "task": "coop_nav", "frames": 64, "settings": settings}
+    begun = row | {"start": "zoo:bc/coop_nav-expert"}
+    study = make_study(online={"begun": begun, "fresh": row}, seeds=[0])
+    assert run_study(study, options, "x")[0] == {}
+    runs = {name: tmp_path / "work/cells" / name / "coop_nav" / name for name in study.online}
+    first = {name: read_table(run / "curve.csv")[0]["success"] for name, run in runs.items()}
+    assert first["begun"] > 0.9 > first["fresh"]

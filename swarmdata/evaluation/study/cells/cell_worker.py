@@ -45,6 +45,7 @@ from swarmdata.learn.training.run_files import (
 )
 from swarmdata.learn.training.settings import from_json
 from swarmdata.learn.training.trainer import Schedule, train_seeds
+from swarmdata.online_algos.continuation.offline_start import read_start
 from swarmdata.online_algos.runs.online_training import describe_run, train_run
 from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
 from swarmdata.registry.presets import find_spec
@@ -153,7 +154,8 @@ def _train_online(cell: Cell, run: Path, meter: CostMeter, report: Report) -> No
         config = _config(ONLINE_ALGORITHMS, cell)
         own = find_spec(cell.source)
         spec = with_models(own, cell.observation, cell.communication)
-        description = describe_run(cell.algorithm, config, spec, cell.seeds, own=own)
+        start = read_start(cell.start) if cell.start else None
+        description = describe_run(cell.algorithm, config, spec, cell.seeds, own=own, start=start)
         train_run(description, run, progress=False)
         meter.add_updates(cell.n_updates)
         report(cell.n_updates)

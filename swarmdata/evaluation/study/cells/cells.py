@@ -28,7 +28,14 @@ from swarmdata.evaluation.study.plan import Study, Variant, View
 from swarmdata.learn.training.run_files import CONFIG, last_policy_path, run_folders, seeds_of
 from swarmdata.learn.training.settings import as_texts, check_effects, override, unmet_needs
 from swarmdata.numerics.random import SeedBlock
-from swarmdata.registry.components import OFFLINE_ALGORITHMS, ONLINE_ALGORITHMS, resolve
+from swarmdata.online_algos.continuation.offline_start import begin_with
+from swarmdata.perception.observer import features_of
+from swarmdata.registry.components import (
+    OFFLINE_ALGORITHMS,
+    ONLINE_ALGORITHMS,
+    make_task,
+    resolve,
+)
 from swarmdata.registry.presets import find_spec, preset_names
 from swarmdata.specs.frozen import Frozen, describe_differences
 from swarmdata.specs.model_choice import with_models
@@ -42,10 +49,11 @@ DONE_FILE = "done.json"  # written last: the cell's key, and the digests of its 
 
 ONLINE_FAMILY = "online"
 
-FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run"}
-"""Fields that affect no result, or that `digest` covers, as it does paths of files."""
+FIELDS_OUTSIDE_KEY = {"family", "source", "parts", "run", "start"}
+"""Fields that affect no result, or paths of files that `digest` and `start_hash` cover."""
 
-YOUNGER_FIELDS = ("rewards", "side", "opponents", "opponents_hash")  # than cells without them
+YOUNGER_FIELDS = ("rewards", "side", "opponents", "opponents_hash", "start_hash")
+"""Than cells without them."""
 
 YOUNGER_SETTINGS: dict[str, Any] = {"reward_weights": [], "independent": False}
 """Younger than studies; change nothing."""
@@ -68,6 +76,8 @@ class Cell(Frozen):
     source: str = ""  # dataset to load, name of a mixture, or task to train in
     parts: dict[str, float] = Field(default_factory=dict)  # of a mixture: weights of datasets
     run: str = ""  # folder of a finished run
+    start: str = ""  # offline run that online training begins with
+    start_hash: str | None = None  # of the files of that run
     digest: str  # of the dataset, of parts with weights, of a run, or of a task in a file
     n_steps: int | None = None  # uses only the first episodes of the dataset
     observation: str | None = None  # model for training and evaluation; None: as recorded
@@ -325,7 +335,12 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
     kind = resolve("algorithm", ONLINE_ALGORITHMS, baseline.algorithm)
     length = {} if baseline.frames is None else {"n_steps": baseline.frames}
     settings, task = baseline.settings, find_spec(baseline.task)
-    config = _json(_changed(kind.Config(), {**length, **settings}, own=settings))
+    content, taken = None, dict[str, str]()
+    if baseline.start is not None:
+        spec = with_models(task, *view.models)
+        begin, taken = begin_with(baseline.start, kind, spec, features_of(make_task(spec)))
+        content = begin.source.content
+    config = _json(_changed(kind.Config(), {**taken, **length, **settings}, own=settings))
     return Cell(
         kind="online",
         data=_seen_in(Path(baseline.task).stem, view),
@@ -333,6 +348,8 @@ def _online_cell(study: Study, label: str, view: View = AS_RECORDED) -> Cell:
         config=config,
         source=baseline.task,
         digest="" if baseline.task in preset_names() else task.hash(),
+        start=baseline.start or "",
+        start_hash=content,
         observation=view.observation,
         communication=view.communication,
         code_version=code_version(online_algorithms=baseline.algorithm, tasks=task.task),

@@ -240,8 +240,9 @@ def plan_other_tasks(found: Findings) -> list[Shift]:
     shifts = []
     for cell, task in itertools.product(found.cells, plan.tasks):
         if cell.kind == "offline" and cell.data in datasets and cell.label in plan.algorithms:
-            folder = found.work / TASKS_FOLDER / cell.label / cell.data / Path(task).stem
-            place = Shifted(cell.data, cell.label, "", task, len(cell.seeds), n_episodes, {})
+            name = Path(task).stem
+            folder = found.work / TASKS_FOLDER / cell.label / cell.data / name
+            place = Shifted(cell.data, cell.label, "", name, len(cell.seeds), n_episodes, {})
             shifts.append(plan_shift(found, cell, {"task": task}, folder, place))
     return shifts
 

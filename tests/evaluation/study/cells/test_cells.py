@@ -6,7 +6,13 @@ from typing import Any
 
 import pytest
 
-from swarmdata.errors import SchemaError, SpecError, SwarmdataError, UnknownNameError
+from swarmdata.errors import (
+    CheckpointError,
+    SchemaError,
+    SpecError,
+    SwarmdataError,
+    UnknownNameError,
+)
 from swarmdata.evaluation.study.cells.cells import FIELDS_OUTSIDE_KEY, Cell, cells_of
 from swarmdata.evaluation.study.cells.study_data import (
     dataset_of_size,
@@ -15,6 +21,7 @@ from swarmdata.evaluation.study.cells.study_data import (
     short_name,
 )
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.learn.training.run_files import find_run, run_hash
 from swarmdata.offline_algos.mac_flow import MACFlowConfig
 from swarmdata.registry.presets import preset
 from swarmdata.specs.rules import chosen_weights
@@ -112,7 +119,7 @@ OTHERS: dict[str, Any] = {
     "kind": "online", "label": "x", "data": "x", "family": "x", "algorithm": "x", "source": "x",
     "config": {"n_updates": 21}, "run": "x", "digest": "e" * 64, "n_steps": 7, "observation": "x",
     "communication": "x", "frame": "world", "rewards": {"time": 1.0}, "parts": {"x": 1.0},
-    "side": "x", "opponents": "x", "opponents_hash": "x",
+    "side": "x", "opponents": "x", "opponents_hash": "x", "start": "x", "start_hash": "x",
     "seeds": (0, 2), "n_episodes": 5, "curve_every": 3, "block": "validation",
     "device": "cuda", "curve_episodes": 3, "code_version": "x",
 }  # fmt: skip
@@ -252,6 +259,25 @@ def test_results_from_before_a_setting_are_kept(make_study: Make) -> None:
     assert cell.key == cell.model_copy(update={"config": config}).key
     others = on | {"settings": {"reward_weights": ["time=0.04"]}}
     assert cell.key != cells(make_study(online={"on": others}))["on/coop_nav"].key
+
+
+def test_an_online_row_takes_over_what_it_starts_from(make_study: Make, tmp_path: Path) -> None:
+    start = "zoo:bc/coop_nav-expert"
+    folder = find_run(start)
+    assert folder is not None
+    row = {"algorithm": "maddpg", "task": "coop_nav", "frames": 500}
+    fresh, begun = (
+        cells(make_study(online={"on": each}))["on/coop_nav"]
+        for each in (row, row | {"start": start})
+    )
+    assert (begun.config["actor_hidden"], begun.start) == ([64, 64], start)
+    assert (fresh.start_hash, begun.start_hash) == (None, run_hash(folder, 0))
+    copy = shutil.copytree(folder, tmp_path / "copy")
+    assert (
+        cells(make_study(online={"on": row | {"start": str(copy)}}))["on/coop_nav"].key == begun.key
+    )
+    with pytest.raises(CheckpointError, match="was trained for coop_nav"):
+        cells(make_study(online={"on": row | {"start": start, "task": "formation"}}))
 
 
 def test_names_and_sizes_of_datasets(data: Path) -> None:

@@ -11,6 +11,7 @@ from tests.evaluation.study.conftest import BC, Make, rows_below
 
 pytestmark = pytest.mark.usefixtures("here")
 
+MAP = Path(__file__).parents[4] / "cards/maps/rooms.map"
 SETS = {**BC, "settings": {"policy_network": "deep_sets"}}
 
 
@@ -22,9 +23,12 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
     tmp_path: Path,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    tasks = ["coop_nav-easy", "coop_nav-n8"]
+    tasks = ["coop_nav-easy", "coop_nav-n8", "rooms"]
+    (tmp_path / "rooms.yaml").write_text("map: rooms.map")
+    shutil.copy(MAP, tmp_path)
+    sources = [*tasks[:2], str(tmp_path / "rooms.yaml")]
     data = shutil.copytree(data, tmp_path / "mine")  # another name than the id of the data
-    plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": tasks, "episodes": 3}
+    plan = {"datasets": [str(data)], "algorithms": ["bc", "sets"], "tasks": sources, "episodes": 3}
     both = {"bc": BC, "sets": SETS}
     study = make_study(datasets=[str(data)], algorithms=both, seeds=[0], tasks=plan)
     failures, files = run_study(study, options, "x")
@@ -39,6 +43,7 @@ def test_rows_are_evaluated_in_other_tasks_if_their_policies_fit(
         Path("bc/mine/coop_nav-easy"),
         Path("sets/mine/coop_nav-easy"),
         Path("sets/mine/coop_nav-n8"),
+        *(Path(label, "mine/rooms") for label in both),
     }
     again, _ = run_study(study, options, "x")
     assert again == {}
