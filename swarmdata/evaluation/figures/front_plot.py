@@ -46,8 +46,8 @@ def plot_fronts(
 ) -> None:
     """Draws panels by title: less is better on horizontal axes, from 0, more on vertical ones."""
     are_small = len(panels) > MAX_LARGE_PANELS
-    n_columns = 2 if len(panels) == 4 else min(7 if are_small else 3, len(panels))
-    n_rows = math.ceil(len(panels) / n_columns)
+    n_rows = math.ceil(len(panels) / (7 if are_small else 3))
+    n_columns = math.ceil(len(panels) / n_rows)
     width = COLUMN_WIDTH if n_columns == 1 else PAGE_WIDTH
     shown = {label for panel in panels.values() for label in panel.points}
     legend: dict[str, Mapping[str, Any]] = {
@@ -55,11 +55,11 @@ def plot_fronts(
     }
     legend["not Pareto-optimal"] = HOLLOW_LOOK
     has_line = any(panel.line is not None for panel in panels.values())
-    height = min(0.4 + (1.15 if are_small else 2.2) * n_rows, MOST_HEIGHT)
+    height = min(0.4 + (1.5 if are_small else 2.2) * n_rows, MOST_HEIGHT)
     with figure(path, width=width, height=height) as drawing:
         grid = drawing.subplots(n_rows, n_columns, squeeze=False).ravel()
         for axes, (title, panel) in zip(grid, panels.items(), strict=False):
-            _draw_panel(axes, panel, looks)
+            _draw_panel(axes, panel, looks, are_small=are_small)
             xlim, ylim = _limits(panel)
             axes.set(xlim=xlim, ylim=ylim)
             axes.locator_params(nbins=2 if are_small else 6)
@@ -86,7 +86,7 @@ def _limits(panel: FrontPanel) -> tuple[tuple[float, float], tuple[float, float]
     return (-0.03 * right, 1.06 * right), (low - margin, high + margin)
 
 
-def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks) -> None:
+def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks, *, are_small: bool) -> None:
     front = sorted((x.value, y.value) for name, (x, y) in panel.near.items() if name in panel.front)
     if front:
         axes.step(*zip(*front, strict=True), where="post", color=GRAY, lw=0.8, zorder=1)
@@ -105,6 +105,7 @@ def _draw_panel(axes: Any, panel: FrontPanel, looks: Looks) -> None:
     draw_grid(axes, width=0.5)
     if panel.far:
         ends = {label: [end.value for end in panel.points[label]] for label in panel.far}
-        far = ", ".join(f"{label} ({x:.1f}, {y:.1f})" for label, (x, y) in ends.items())
-        words = f"not in view: {far}".replace("-", "−")
-        axes.set_xlabel(words, fontsize=6, color=GRAY, loc="left")
+        places = "" if are_small else " ({:.1f}, {:.1f})"
+        far = ", ".join(f"{label}{places.format(*end)}" for label, end in ends.items())
+        words = textwrap.fill(f"not in view: {far}".replace("-", "−"), 28 if are_small else 200)
+        axes.set_xlabel(words, fontsize=5 if are_small else 6, color=GRAY, loc="left")

@@ -3,6 +3,8 @@
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+import numpy as np
+
 from swarmdata.drawing.style import (
     COLUMN_WIDTH,
     GRAY,
@@ -37,6 +39,9 @@ from swarmdata.types import Double
 
 MAX_DISTANCE_IN_VIEW = 0.6
 """Of a return from those that learned from data, as a share of their range."""
+
+FAR_OUT = 3.0
+"""Interquartile ranges beyond the quartiles: the outer fence of Tukey (1977, section 2D)."""
 
 BASELINE_MARKERS = ("X", "p", "*", "<", ">", "h", "d")
 """Of labels that learned from no data, which are all gray."""
@@ -128,7 +133,7 @@ def plot_pareto(cases: Collection[Case], path: Path, looks: Looks) -> None:
 
 def _front_of(case: Case) -> FrontPanel:
     points = collisions_and_returns(case)
-    far = _far_from_trained(case, {label: y.value for label, (_, y) in points.items()})
+    far = far_from_trained(case, {label: y.value for label, (_, y) in points.items()})
     near = {label: point for label, point in points.items() if label not in far}
     best = pareto_front(  # an expert that is not in view is no reason to call all others worse
         [y.value for _, y in near.values()], [x.value for x, _ in near.values()]
@@ -141,11 +146,14 @@ def _front_of(case: Case) -> FrontPanel:
     )
 
 
-def _far_from_trained(case: Case, returns: Mapping[str, float]) -> list[str]:
-    """Labels whose return is far outside those of labels that learned from data."""
+def far_from_trained(case: Case, returns: Mapping[str, float]) -> list[str]:
+    """Labels whose return is far outside those of most labels that learned from data."""
     if not case.trained:
         return []
-    known = [returns[label] for label in case.trained]
+    learned = np.array([returns[label] for label in case.trained])
+    first, third = np.quantile(learned, (0.25, 0.75))
+    fence = FAR_OUT * (third - first)
+    known = [*learned[(learned >= first - fence) & (learned <= third + fence)]]
     known += [] if case.data is None else [case.data.mean_return]
     margin = MAX_DISTANCE_IN_VIEW * max(max(known) - min(known), 1e-9)
     low, high = min(known) - margin, max(known) + margin

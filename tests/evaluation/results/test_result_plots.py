@@ -1,6 +1,8 @@
 """Figures hold what was measured, in every format, and labels look alike in all of them."""
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from swarmdata.evaluation.figures import matrix_plot
 from swarmdata.evaluation.results import result_plots
 from swarmdata.evaluation.results.aggregates import comparable_scores
 from swarmdata.evaluation.results.result_plots import (
+    far_from_trained,
     looks_of,
     plot_differences,
     plot_estimates,
@@ -18,7 +21,7 @@ from swarmdata.evaluation.results.result_plots import (
     plot_score_profiles,
     result_looks,
 )
-from swarmdata.evaluation.results.result_set import group_results
+from swarmdata.evaluation.results.result_set import Case, group_results
 from swarmdata.rollouts.score_statistics import Estimate
 from tests.support.drawn import shown_figure
 from tests.support.measured import MEANS, grid, result
@@ -89,6 +92,13 @@ def test_pareto_names_what_is_out_of_view(tmp_path: Path) -> None:
     assert "idle (" in text
     plot_pareto(RESULTS.baselines, tmp_path / "alone.svg", looks)
     assert "not in view" not in (tmp_path / "alone.svg").read_text()
+
+
+@pytest.mark.parametrize(("worst", "far"), [(-60.0, ["worst"]), (-8.0, [])])
+def test_a_row_far_below_the_others_is_out_of_view(worst: float, far: list[str]) -> None:
+    returns = {"worst": worst, **{f"row_{k}": float(-k) for k in range(6)}}
+    case = SimpleNamespace(trained=[*returns], data=SimpleNamespace(mean_return=-3.0))
+    assert far_from_trained(cast("Case", case), returns) == far
 
 
 def test_estimates_have_a_panel_for_each_quantity_with_the_same_rows(tmp_path: Path) -> None:

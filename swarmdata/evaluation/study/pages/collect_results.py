@@ -21,7 +21,7 @@ from swarmdata.evaluation.study.cells.cells import (
     RESULTS_FOLDER,
     Cell,
 )
-from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size
+from swarmdata.evaluation.study.cells.study_data import DatasetFacts, dataset_of_size, short_name
 from swarmdata.evaluation.study.pages.scoreboard import Scoreboard, make_scoreboard, quantity_of
 from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import read_table
@@ -65,6 +65,13 @@ class Findings:
         """Short name of each dataset with finished offline cells -> its id."""
         cells = (cell for cell in self.cells if cell.kind == "offline")
         return {cell.data: self.facts[cell.name].id for cell in cells}
+
+    @property
+    def core(self) -> ResultSet:
+        """The results on the core alone."""
+        ids = {self.dataset_ids.get(short_name(name)) for name in self.study.core}
+        cases = tuple(case for case in self.results.cases if case.name in ids)
+        return replace(self.results, cases=cases)
 
     @property
     def quantities(self) -> tuple[Quantity, ...]:

@@ -113,19 +113,22 @@ def safety_sections(found: Findings, out: Path) -> dict[str, str]:
         f"{markdown.table(head, rows)}\n"
         "![success, clean success and collisions](safety.png)\n"
     )
-    plot_pareto(_without_ablations(found), out / "collisions.png", found.looks)
+    plot_pareto(_drawn(found), out / "collisions.png", found.looks)
+    where = "On the core of the study. " if found.study.core else ""
     returns = (
-        "A line joins the Pareto-optimal rows of a dataset, which are filled; the dashed line is "
-        "the mean return of the data.\n\n![team return against collisions](collisions.png)\n"
+        f"{where}A line joins the Pareto-optimal rows of a dataset, which are filled; the dashed "
+        "line is the mean return of the data.\n\n"
+        "![team return against collisions](collisions.png)\n"
     )
     return {"Success and collisions": body, "Return and collisions": returns}
 
 
-def _without_ablations(found: Findings) -> list[Case]:
-    """The cases without rows that are there to explain others, of which there may be many."""
+def _drawn(found: Findings) -> list[Case]:
+    """The cases of the core, if there is one, without rows that are there to explain others."""
+    results = found.core if found.study.core else found.results
     return [
         replace(
             case, runs={k: v for k, v in case.runs.items() if found.families.get(k) != "ablations"}
         )
-        for case in found.results.cases
+        for case in results.cases
     ]

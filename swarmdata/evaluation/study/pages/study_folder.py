@@ -4,7 +4,6 @@ import math
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 from swarmdata.cards.committed_studies import ESTIMATES_FILE, PLAN_FILE
@@ -275,7 +274,7 @@ def _scores(found: Findings, out: Path) -> str:
 
 def _aggregate_sections(found: Findings, out: Path) -> dict[str, str]:
     """The sections by title; none of fewer than two rows or datasets."""
-    sections, results, core = {}, found.results, _core(found)
+    sections, results, core = {}, found.results, found.core
     profiles = "\n![share of runs above a score](profiles.png)\n"
     if body := _aggregates(results, out / "differences.png", profiles):
         plot_score_profiles(comparable_scores(results).tables, found.looks, out / "profiles.png")
@@ -291,7 +290,7 @@ def _aggregate_sections(found: Findings, out: Path) -> dict[str, str]:
 
 def _core_rows(found: Findings) -> list[dict[str, object]]:
     """The mean score over the core of each row that is on all of it, alone and minus each other."""
-    tables = comparable_scores(_core(found)).tables
+    tables = comparable_scores(found.core).tables
     runs = {label: table.mean(axis=-1) for label, table in tables.items()}
 
     def row(label: str, other: str, found: Estimate, improves: float | None) -> dict[str, object]:
@@ -304,13 +303,6 @@ def _core_rows(found: Findings) -> list[dict[str, object]]:
         row(one, other, found, probability_of_improvement(runs[one], runs[other]))
         for (one, other), found in pairs
     ]
-
-
-def _core(found: Findings) -> ResultSet:
-    """The results on the core alone."""
-    ids = {found.dataset_ids.get(short_name(name)) for name in found.study.core}
-    cases = tuple(case for case in found.results.cases if case.name in ids)
-    return replace(found.results, cases=cases)
 
 
 def _aggregates(results: ResultSet, figure: Path, below: str = "") -> str:
