@@ -10,6 +10,7 @@ apart, less that of the chosen one. The last table is of datasets that are not p
 
 import csv
 import math
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
@@ -24,6 +25,8 @@ from swarmdata.datasets.dataset import Dataset
 from swarmdata.drawing import markdown
 from swarmdata.evaluation.runs.algorithm_choice import (
     CANDIDATES,
+    MATD3_COMMON,
+    MATD3_ROBOTS,
     STATISTICS,
     THRESHOLDS,
     EpisodeStatistics,
@@ -46,9 +49,13 @@ CLONES = ("bc", "filtered_bc")
 POOR = ("iql", "filtered_bc")
 """Where no policy solves most episodes, robots have returns of their own, and share them.
 
-`auto` takes `maddpg_bc` in place of `iql` where a contact ends the episode. That was found on these
-datasets, too, and has no threshold; thresholds are fitted as if it took `iql` there.
+`auto` takes `maddpg_bc` in place of `iql` where a contact ends the episode, and `matd3` where the
+best episodes are by other policies than the rest. Both were found on these datasets, too;
+thresholds are fitted as if it took `iql` there.
 """
+
+EVERYWHERE = ("bc", "filtered_bc", "iql", "maddpg_bc")
+"""Of `CANDIDATES`: those that were trained on all datasets."""
 
 FITTED = ("bc", "filtered_bc", "iql")
 """What thresholds are fitted to."""
@@ -77,6 +84,11 @@ class Row:
     def contact_ends(self) -> bool:
         return "-strict-" in self.dataset
 
+    @property
+    def suits_matd3(self) -> bool:
+        size = re.search(r"-n(\d+)-", self.dataset)
+        return size is None or int(size[1]) <= MATD3_ROBOTS
+
     def regret(self, algorithm: str) -> float:
         return max(self.scores.values()) - self.scores[algorithm]
 
@@ -94,11 +106,11 @@ def read_scores(study: Path) -> dict[str, dict[str, float]]:
             if row["quantity"] == "score" and row["family"] != FAMILY_OF_ABLATIONS:
                 name = row["dataset"].removesuffix("-v1")
                 found.setdefault(name, {})[row["label"]] = float(row["mean"])
-    return {name: scores for name, scores in found.items() if {*CANDIDATES} <= scores.keys()}
+    return {name: scores for name, scores in found.items() if {*EVERYWHERE} <= scores.keys()}
 
 
 def read_rows(study: Path = FITTED_STUDY) -> list[Row]:
-    """The datasets that all candidates were trained on, with their statistics."""
+    """The datasets that these candidates were trained on, with their statistics."""
     measured = read_measured()
     return [Row(name, scores, measured[name]) for name, scores in read_scores(study).items()]
 
@@ -178,6 +190,16 @@ def fit(rows: Iterable[Row]) -> Thresholds:
     return dict(zip(STATISTICS, min(candidates())[2], strict=True))
 
 
+def fit_matd3(rows: Iterable[Row], thresholds: Thresholds) -> float:
+    """The most common reward where `matd3` would be chosen and is not clearly worse than `iql`."""
+    return max(
+        row.statistics.common_reward
+        for row in rows
+        if chosen(row, thresholds, 1.0) == "matd3"
+        and row.scores["matd3"] >= row.scores["iql"] - TOLERANCE
+    )
+
+
 def rounded(threshold: Threshold) -> Threshold:
     """The ends with two digits, so that no measured dataset is between them."""
     low, high = (round(100 * end, 6) for end in threshold)
@@ -189,27 +211,19 @@ def width(threshold: Threshold) -> float:
     return 0.0 if np.isinf(threshold.above) else threshold.above - threshold.below
 
 
-Choose = Callable[[Row, Thresholds], str]
+def chosen(
+    row: Row, thresholds: Thresholds = THRESHOLDS, matd3_common: float = MATD3_COMMON
+) -> str:
+    """What `auto` chooses."""
+    rules = {"contact_ends": row.contact_ends, "suits_matd3": row.suits_matd3}
+    return choose_algorithm(row.statistics, thresholds, matd3_common, **rules).algorithm
 
 
-def chosen(row: Row, thresholds: Thresholds) -> str:
-    return choose_algorithm(row.statistics, thresholds, contact_ends=row.contact_ends).algorithm
-
-
-def chosen_with_matd3(row: Row, thresholds: Thresholds) -> str:
-    """The same, but `matd3` for `iql` where the best episodes are by other policies than the rest.
-
-    `auto` does not: that is better on tasks that it knows, and worse on those that it does not.
-    """
-    is_shifted = row.statistics.best_shift >= thresholds["best_shift"].middle
-    found = chosen(row, thresholds)
-    return "matd3" if found == "iql" and is_shifted else found
-
-
-def left_out(rows: Sequence[Row], key: Callable[[Row], str], choose: Choose = chosen) -> list[str]:
-    """What is chosen for each dataset by thresholds of those with another key."""
-    fitted = {each: fit(row for row in rows if key(row) != each) for each in set(map(key, rows))}
-    return [choose(row, fitted[key(row)]) for row in rows]
+def left_out(rows: Sequence[Row], key: Callable[[Row], str]) -> list[str]:
+    """What is chosen for each dataset by what is fitted to those with another key."""
+    others = {each: [row for row in rows if key(row) != each] for each in set(map(key, rows))}
+    fitted = {each: (found := fit(part), fit_matd3(part, found)) for each, part in others.items()}
+    return [chosen(row, *fitted[key(row)]) for row in rows]
 
 
 def choices(rows: Sequence[Row]) -> dict[str, list[str]]:
@@ -217,12 +231,10 @@ def choices(rows: Sequence[Row]) -> dict[str, list[str]]:
     return {
         "auto, leave one dataset out": left_out(rows, lambda row: row.dataset),
         "auto, leave one task out": left_out(rows, lambda row: row.task),
-        "with `matd3`, leave one dataset out": left_out(
-            rows, lambda row: row.dataset, chosen_with_matd3
-        ),
-        "with `matd3`, leave one task out": left_out(rows, lambda row: row.task, chosen_with_matd3),
-        **{f"always `{name}`": [name] * len(rows) for name in CANDIDATES},
-        "best of the four": [min(CANDIDATES, key=row.regret) for row in rows],
+        **{f"always `{name}`": [name] * len(rows) for name in EVERYWHERE},
+        "best of the five": [
+            min(row.scores.keys() & {*CANDIDATES}, key=row.regret) for row in rows
+        ],
     }
 
 
@@ -249,7 +261,7 @@ def table_of_datasets(rows: Sequence[Row], picked: Sequence[str]) -> str:
         [
             f"`{row.dataset}`",
             *(f"{value:.2f}" for value in asdict(row.statistics).values()),
-            *(f"{row.scores[each]:.1f}" for each in CANDIDATES),
+            *(f"{row.scores[each]:.1f}" if each in row.scores else "" for each in CANDIDATES),
             f"`{name}`",
             f"{row.regret(name):.1f}",
         ]
@@ -267,5 +279,6 @@ if __name__ == "__main__":
     for name, (low, high) in ((name, rounded(each)) for name, each in fit(datasets).items()):
         print(f'    "{name}": Threshold({low:.2f}, {high:.2f}),')
     print(f"\n{report(datasets, choices(datasets))}")
+    print(f"\nMATD3_COMMON = {math.ceil(100 * fit_matd3(datasets, fit(datasets))) / 100:.2f}")
     later = read_later_rows()
-    print(f"\n{table_of_datasets(later, [chosen(row, THRESHOLDS) for row in later])}")
+    print(f"\n{table_of_datasets(later, list(map(chosen, later)))}")
