@@ -23,6 +23,7 @@ from tests.benchmarks.tuning_tables import (
     summary,
     tuned_on_all,
 )
+from tests.docs.marked_numbers import cell
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs/measurements.md"
@@ -94,6 +95,22 @@ def test_the_study_of_tuned_settings_has_those_of_the_chosen_trial(algorithm: st
     tuned = override(known, as_texts(plan.algorithms[f"{algorithm}-tuned"].settings))
     assert tuned == override(default, dict(each.split("=") for each in chosen.split("; ")))
     assert not {*plan.datasets} & {*DATASETS}
+
+
+def test_the_page_says_what_tuning_is_worth_on_other_datasets() -> None:
+    page = (ROOT / "docs/results/tuning.md").read_text("utf-8")
+    changes = {
+        name: round(cell(f"tuned/core:{name}-tuned:{name}", ROOT / "cards/studies")[0])
+        for name in ("iql", "maddpg_bc", "vdn")
+    }
+    assert "gain {iql} points on six others".format_map(changes) in page
+    lost = (f"{-changes[name]} (`{name}`)" for name in ("maddpg_bc", "vdn"))
+    assert f"or lose {' and '.join(lost)}." in page
+    rows = read_trials()["vdn"]
+    scores = np.array([scores_of(rows, dataset) for dataset in DATASETS])
+    change = scores[:, chosen_trials(rows)["chosen"]] - scores[:, 0]
+    assert f"gain {change.mean():.0f} points on average on the six" in page
+    assert (change < 0).sum() == 1, "lose on only one of them"
 
 
 def _table_rows(page: str) -> list[list[str]]:
