@@ -133,6 +133,27 @@ def test_sentences_about_the_core_are_those_of_the_files() -> None:
     assert f"have a mean of {mean:.0f} " in text
 
 
+def test_what_is_said_of_policies_that_learn_on() -> None:
+    page, pages = "results/continuation.md", {}
+    for name in (page, "online-learning.md"):
+        pages[name] = " ".join((ROOT / "docs" / name).read_text(encoding="utf-8").split())
+
+    def solved(label: str, data: str = "") -> int:
+        return round(cell(f"continuation:{label}:{data}:success", STUDIES)[0])
+
+    nav, aisles = (
+        (solved("matd3", f"{task}-medium-replay"), solved(f"from-matd3-{task}"))
+        for task in ("coop_nav", "warehouse")
+    )
+    anew = solved("anew-coop_nav")
+    assert f"rise from {nav[0]} to {nav[1]} % success on `coop_nav`" in pages[page]
+    assert f"and from {aisles[0]} to {aisles[1]} % on `warehouse`" in pages[page]
+    assert f"new networks reach {anew} % and nothing" in pages[page]
+    said = f"solves {nav[1]} % of the episodes of `coop_nav` and {aisles[1]} % of `warehouse`; "
+    assert f"{said}from scratch, {anew} % and none" in pages["online-learning.md"]
+    assert solved("anew-warehouse") == 0
+
+
 def test_the_sum_over_robots_matters_on_one_dataset_only() -> None:
     text = (ROOT / "docs/results/credit.md").read_text(encoding="utf-8")
     datasets = re.findall(r"^\| `([\w-]+-medium-replay)` \|", text, re.MULTILINE)
