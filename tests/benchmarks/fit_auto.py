@@ -191,7 +191,7 @@ def fit(rows: Iterable[Row]) -> Thresholds:
 
 
 def fit_matd3(rows: Iterable[Row], thresholds: Thresholds) -> float:
-    """The most common reward where `matd3` would be chosen and is not clearly worse than `iql`."""
+    """The largest common reward at which `matd3` is chosen and not clearly worse than `iql`."""
     return max(
         row.statistics.common_reward
         for row in rows

@@ -57,13 +57,13 @@ THRESHOLDS = {
 STATISTICS = tuple(THRESHOLDS)  # in the order of the questions
 
 MATD3_COMMON = 0.47
-"""The most common reward of a dataset on which `matd3` was measured and is as good as `iql`.
+"""The largest `common_reward` at which `matd3` was measured and is as good as `iql`.
 
 It scores far below the data where robots share more. As `fit_auto.py` prints it.
 """
 
 MATD3_STEPS = 500_000
-"""The fewest joint steps for `matd3`, which was measured on a million, and is worse on minis."""
+"""The fewest joint steps for `matd3`: measured on a million, it is worse on three of four minis."""
 
 MATD3_ROBOTS = 8
 """The largest team for `matd3`, which fails with 16."""

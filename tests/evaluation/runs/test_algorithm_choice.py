@@ -116,7 +116,7 @@ def test_the_rule(common: float, success: float, shift: float, expected: str) ->
     assert choice.line.startswith(f"auto takes {expected}: ")
 
 
-def test_values_stay_close_to_data_that_share_more_rewards_than_any_that_were_measured() -> None:
+def test_values_stay_close_to_the_data_where_robots_share_more_than_was_measured() -> None:
     found = EpisodeStatistics(common_reward=MATD3_COMMON + 0.001, best_success=0.3, best_shift=0.4)
     assert choose_algorithm(found).algorithm == "iql"
     assert choose_algorithm(found, matd3_common=0.5).algorithm == "matd3"
