@@ -20,12 +20,30 @@ Points = Annotated[int, Field(ge=1, le=1_000)]
 Episodes = Annotated[int, Field(ge=1, le=1_000_000)]
 Width = Annotated[int, Field(ge=1, le=65_536)]
 Names = Annotated[tuple[str, ...], Field(max_length=1_000)]
-Seeds = Annotated[
-    tuple[Annotated[int, Field(ge=0, lt=1 << 32)], ...], Field(min_length=1, max_length=MOST_SEEDS)
-]
-
 Size = Literal["full", "mini"] | Annotated[int, Field(ge=1)]  # or joint steps from the start
 Parts = Annotated[dict[str, Positive], Field(min_length=2, max_length=100)]  # weights of datasets
+
+
+def _first_seeds(value: Any) -> Any:
+    is_number = isinstance(value, int) and not isinstance(value, bool)
+    if is_number and not 1 <= value <= MOST_SEEDS:
+        raise ValueError(f"{value} seeds, expected from 1 to {MOST_SEEDS}, or a list of seeds")
+    return tuple(range(value)) if is_number else value
+
+
+def _different(seeds: tuple[int, ...]) -> tuple[int, ...]:
+    if len(set(seeds)) < len(seeds):
+        raise ValueError(f"seeds {seeds} repeat, expected different ones")
+    return seeds
+
+
+Seeds = Annotated[
+    tuple[Annotated[int, Field(ge=0, lt=1 << 32)], ...],
+    Field(min_length=1, max_length=MOST_SEEDS),
+    BeforeValidator(_first_seeds),
+    AfterValidator(_different),
+]
+"""Of trainings; a number n means 0 to n - 1."""
 
 
 class Variant(Frozen):
@@ -37,6 +55,7 @@ class Variant(Frozen):
     updates: Count | None = None  # None: the algorithm's default times the study's budget
     frame: str = "auto"  # of observations and actions, as `swarmdata train --frame`
     rewards: dict[str, float] | str | None = None  # to learn from, as `load` takes them
+    seeds: Seeds | None = None  # of its trainings; None: the study's
     datasets: Names = ()  # of the study; empty: all
 
     @model_validator(mode="after")
@@ -190,13 +209,6 @@ def _by_label(value: Any) -> Any:
     }
 
 
-def _first_seeds(value: Any) -> Any:
-    is_number = isinstance(value, int) and not isinstance(value, bool)
-    if is_number and not 1 <= value <= MOST_SEEDS:
-        raise ValueError(f"{value} seeds, expected from 1 to {MOST_SEEDS}, or a list of seeds")
-    return tuple(range(value)) if is_number else value
-
-
 class Study(Frozen):
     """The grid of a study, its protocol and its budget."""
 
@@ -208,8 +220,7 @@ class Study(Frozen):
     core: Names = ()  # of the datasets: rows that are on all of these are also compared apart
     algorithms: Annotated[dict[Label, Variant], Field(min_length=1), BeforeValidator(_by_label)]
     """Rows of the tables, by label."""
-    seeds: Annotated[Seeds, BeforeValidator(_first_seeds)] = (0, 1, 2, 3, 4)
-    """Of trainings; a number n means 0 to n - 1."""
+    seeds: Seeds = (0, 1, 2, 3, 4)
     budget: Positive = 1.0  # times each algorithm's default number of updates
     hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of actors and critics
     settings: dict[str, Any] = Field(default_factory=dict)  # for every algorithm that has them
@@ -230,8 +241,6 @@ class Study(Frozen):
 
     @model_validator(mode="after")
     def _names_are_known(self) -> Self:
-        if len(set(self.seeds)) < len(self.seeds):
-            raise ValueError(f"seeds {self.seeds} repeat, expected different ones")
         if twice := sorted(self.algorithms.keys() & self.online.keys()):
             raise ValueError(
                 f"{twice} are labels of both offline and online algorithms; rename one of each pair"

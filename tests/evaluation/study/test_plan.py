@@ -80,6 +80,7 @@ def compared(*pairs: list[str], **plan: Any) -> dict[str, Any]:
     ("changes", "message"),
     [
         ({"seeds": [1, 1]}, "repeat, expected different"),
+        ({"algorithms": {"bc": {"seeds": [1, 1]}}}, "algorithms.bc.seeds.*repeat, expected"),
         ({"seed": [1]}, "unknown key. Did you mean 'seeds'"),
         ({"online": {"bc": {"run": "runs/x"}}}, "labels of both offline and online"),
         ({"sizes": {"datasets": ["x"], "algorithms": ["bc"]}}, "sizes.datasets has 'x'"),

@@ -271,7 +271,7 @@ def offline_cell(
         rewards={} if variant.rewards is None else changed_rewards(dataset, variant.rewards),
         side=side,
         **_opponents(study, side),
-        seeds=study.seeds,
+        seeds=variant.seeds or study.seeds,
         n_episodes=study.episodes,
         block=study.block,
         code_version=code_version(algorithms=variant.algorithm, tasks=_task(study, dataset)),

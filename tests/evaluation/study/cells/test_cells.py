@@ -201,6 +201,14 @@ def test_unknown_names_are_told(make_study: Make) -> None:
         cells(make_study(online={"x": {"run": "nowhere"}}))
 
 
+def test_a_row_may_have_seeds_of_its_own(make_study: Make) -> None:
+    algorithms = {"bc": BC, "bc-again": {**BC, "seeds": [5, 6, 7]}}
+    found = cells(make_study(algorithms=algorithms, datasets=["coop_nav-medium"], seeds=3))
+    first, again = found["bc/coop_nav-medium"], found["bc-again/coop_nav-medium"]
+    assert (first.seeds, again.seeds) == ((0, 1, 2), (5, 6, 7))
+    assert first.key != again.key
+
+
 def test_a_row_with_other_rewards_has_their_weights(make_study: Make, data: Path) -> None:
     algorithms = {
         "bc": BC,
