@@ -1,5 +1,6 @@
 """Off-policy algorithms: they act in worlds, store transitions and learn from batches of them."""
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -90,8 +91,7 @@ class OffPolicy(ABC):
                 f"got {env.n_copies} copies for {len(seeds)} seeds, expected n_copies = "
                 f"{config.n_copies} for each"
             )
-        rows, margin = (-(-count // config.n_copies) for count in (config.capacity, config.margin))
-        shape = Shape(self.worlds.sizes, len(seeds), config.n_copies, rows, margin)
+        shape = Shape(self.worlds.sizes, len(seeds), config.n_copies, *_ring_rows(config))
         self.replay = Replay(shape, folder)
         self.acting = generators(seeds, "cpu", ACTING_STREAM)
         self._sampling = generators(seeds, "cpu", SAMPLING_STREAM)
@@ -240,6 +240,14 @@ class OffPolicy(ABC):
             self.recorded.load_state_dict(part(own, "recorded"))
         self.learner = self.new_learner()
         self.learner.load_state_dict(part(state, "learner"))
+
+
+def _ring_rows(config: ReplaySettings) -> tuple[int, int]:
+    """Capacity and margin in rows of one step of every copy, no more than the run writes."""
+    per_round = config.n_copies * config.rollout_steps
+    of_run = math.ceil(config.n_steps / per_round) * config.rollout_steps
+    capacity, margin = (math.ceil(n / config.n_copies) for n in (config.capacity, config.margin))
+    return min(capacity, of_run), min(margin, max(of_run - capacity, 0))
 
 
 def gaussian(generators: Sequence[torch.Generator], actions: Tensor, deviation: float) -> Tensor:

@@ -121,6 +121,9 @@ def tune(
         int, typer.Option(min=1, help="first joint steps of each dataset to train on")
     ] = 200_000,
     episodes: Annotated[int, typer.Option(min=1, help="validation episodes of a seed")] = 128,
+    estimates: Annotated[
+        bool, typer.Option(help="choose by offline estimates, too, in about twice the time")
+    ] = True,
     config: Config = None,
     settings: Settings = None,
     draws: Annotated[int, typer.Option(min=0, help="seed of the random settings")] = 0,
@@ -148,7 +151,7 @@ def tune(
     stated.pop("n_updates", None)
     made = search(
         algorithm, data, out or Path("runs") / f"tune-{algorithm}", n_trials=trials,
-        n_updates=updates, n_seeds=seeds, n_steps=steps, n_episodes=episodes,
+        n_updates=updates, n_seeds=seeds, n_steps=steps, n_episodes=episodes, estimates=estimates,
         changes=stated | parse_settings(settings), draws=draws, frame=frame, device=device,
         workers=workers, engine=engine, again=again,
     )  # fmt: skip

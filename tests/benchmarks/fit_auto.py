@@ -26,12 +26,12 @@ from swarmdata.drawing import markdown
 from swarmdata.evaluation.runs.algorithm_choice import (
     CANDIDATES,
     MATD3_COMMON,
-    MATD3_ROBOTS,
     STATISTICS,
     THRESHOLDS,
     EpisodeStatistics,
     Threshold,
     choose_algorithm,
+    matd3_obstacle,
 )
 from swarmdata.hub.catalog.catalog import load
 from swarmdata.registry.recipes import find_recipe, is_dataset
@@ -85,9 +85,9 @@ class Row:
         return "-strict-" in self.dataset
 
     @property
-    def suits_matd3(self) -> bool:
+    def obstacle(self) -> str | None:
         size = re.search(r"-n(\d+)-", self.dataset)
-        return size is None or int(size[1]) <= MATD3_ROBOTS
+        return matd3_obstacle(1_000_000, 4 if size is None else int(size[1]))
 
     def regret(self, algorithm: str) -> float:
         return max(self.scores.values()) - self.scores[algorithm]
@@ -215,8 +215,10 @@ def chosen(
     row: Row, thresholds: Thresholds = THRESHOLDS, matd3_common: float = MATD3_COMMON
 ) -> str:
     """What `auto` chooses."""
-    rules = {"contact_ends": row.contact_ends, "suits_matd3": row.suits_matd3}
-    return choose_algorithm(row.statistics, thresholds, matd3_common, **rules).algorithm
+    return choose_algorithm(
+        row.statistics, thresholds, matd3_common,
+        contact_ends=row.contact_ends, obstacle=row.obstacle,
+    ).algorithm  # fmt: skip
 
 
 def left_out(rows: Sequence[Row], key: Callable[[Row], str]) -> list[str]:

@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -337,7 +336,6 @@ class Reached(Exception):  # noqa: N818  (it ends a command, and is no error)
     """A boundary was called."""
 
 
-@cache  # two tests ask for the same
 def run(case: Case, *extra: str) -> tuple[int, str]:
     """Exit code, and the output with the arguments of the boundary."""
     called: list[str] = []
@@ -381,53 +379,46 @@ def every_module() -> None:
             importlib.import_module(module.name)
 
 
-@pytest.fixture(autouse=True)
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Files that cases name."""
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "plan.yaml").write_text("name: a\ndatasets: [a-b]\nalgorithms: [bc]\nseeds: 1\n")
-    (tmp_path / "own.yaml").write_text("batch_size: 7\n")
-    (tmp_path / "folder").mkdir()
-
-
 def test_every_command_with_options_has_a_case() -> None:
     assert {command_of(case) for case in CASES} == set(COMMANDS)
 
 
-@pytest.mark.parametrize("case", CASES, ids=lambda case: case.line)
-def test_every_option_has_an_effect_or_is_refused(case: Case) -> None:
+@pytest.mark.parametrize("command", sorted(COMMANDS))
+def test_every_option_has_an_effect_or_is_refused(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And has an effect in some case."""
     pytest.importorskip("torch", reason="training, ranking and studies need torch")
     pytest.importorskip("matplotlib", reason="figures need the plots extra")
-    options = options_of(command_of(case))
+    used = set[str]()
+    for number, case in enumerate(case for case in CASES if command_of(case) == command):
+        monkeypatch.chdir(write_files(tmp_path / str(number)))
+        used |= check_options(case, options_of(command))
+    assert used == options_of(command).keys()
+
+
+def write_files(folder: Path) -> Path:
+    """A folder with the files that cases name."""
+    (folder / "folder").mkdir(parents=True)
+    (folder / "plan.yaml").write_text("name: a\ndatasets: [a-b]\nalgorithms: [bc]\nseeds: 1\n")
+    (folder / "own.yaml").write_text("batch_size: 7\n")
+    return folder
+
+
+def check_options(case: Case, options: Mapping[str, Any]) -> set[str]:
+    """Options that have an effect in a case; fails where one has none and is not refused."""
     assert case.idle.keys() <= options.keys()
-    if not options:
-        return
-    base = run(case)
+    base, used = run(case), set[str]()
     for option, parameter in options.items():
-        if option in case.idle:
-            continue
+        if option in case.line.split():
+            used.add(option)
         extra = sample_of(case, option, parameter)
-        if extra[0] in case.line.split() and parameter.is_flag:
+        if option in case.idle or (extra[0] in case.line.split() and parameter.is_flag):
             continue
         code, output = run(case, *extra)
         is_refused = code in (1, 2) and option in output and "Traceback" not in output
         assert (code, output) != base or is_refused, f"{case.line} ignores {' '.join(extra)}"
         assert is_refused or code == base[0] or "Error" not in output, (extra, output)
-
-
-def test_every_option_has_an_effect_in_some_case() -> None:
-    """An option that every case refuses, or lists as idle, has no use."""
-    pytest.importorskip("torch", reason="training, ranking and studies need torch")
-    known = [
-        (command, *each) for command in sorted(COMMANDS) for each in options_of(command).items()
-    ]
-    for command, option, parameter in known:
-        reached = False
-        for case in (case for case in CASES if command_of(case) == command):
-            reached = reached or f" {option} " in f"{case.line} "
-            if reached or option in case.idle:
-                continue
-            code, output = run(case, *sample_of(case, option, parameter))
-            base = run(case)
-            reached = (code, output) != base and code == base[0]
-        assert reached, f"{command} {option}"
+        if (code, output) != base and code == base[0]:
+            used.add(option)
+    return used

@@ -139,26 +139,37 @@ class AlgorithmChoice:
         return f"auto takes {self.algorithm}: {'; '.join(self.reasons)}.{doubts}"
 
 
+def matd3_obstacle(n_steps: int, n_robots: int) -> str | None:
+    """Why data of a size do not suit `matd3`; None if they do."""
+    if n_steps < MATD3_STEPS:
+        return f"matd3 needs {MATD3_STEPS:,} joint steps, got {n_steps:,}"
+    if n_robots > MATD3_ROBOTS:
+        return f"matd3 fails with more than {MATD3_ROBOTS} robots, got {n_robots}"
+    return None
+
+
 def choose_algorithm(
     found: EpisodeStatistics,
     thresholds: Mapping[str, Threshold] = THRESHOLDS,
     matd3_common: float = MATD3_COMMON,
     *,
     contact_ends: bool = False,
-    suits_matd3: bool = True,
+    obstacle: str | None = None,
 ) -> AlgorithmChoice:
     """Chooses by the questions of this module.
 
-    `contact_ends`: whether one ends the episode; `suits_matd3`: whether there are `MATD3_STEPS`,
-    and at most `MATD3_ROBOTS`.
+    `contact_ends`: whether one ends the episode; `obstacle`: `matd3_obstacle` of the data.
     """
     has_expert, is_shifted, is_common = (
         getattr(found, name) >= thresholds[name].middle for name in STATISTICS
     )
     clone = "filtered_bc" if is_shifted else "bc"
-    may_leave_data = suits_matd3 and not contact_ends and found.common_reward <= matd3_common
+    if contact_ends:
+        obstacle = "a contact ends the episode, where iql moves too far from the data"
+    elif found.common_reward > matd3_common:
+        obstacle = f"matd3 is not known to be safe above {100 * matd3_common:.0f} %"
     careful = "maddpg_bc" if contact_ends else "iql"
-    learner = "matd3" if may_leave_data and is_shifted else careful
+    learner = "matd3" if obstacle is None and is_shifted else careful
     other = "filtered_bc" if is_common else learner
     limits = {name: f"(threshold {100 * thresholds[name].middle:.0f} %)" for name in STATISTICS}
     solved = f"the best policy solves at least {100 * found.best_success:.0f} % of its episodes"
@@ -173,11 +184,11 @@ def choose_algorithm(
     else:
         asked["common_reward"] = learner, "filtered_bc"
         reasons.append(f"{share} {limits['common_reward']}")
-        if may_leave_data:
+        if obstacle is None:
             asked["best_shift"] = careful, "matd3"
             reasons.append(shifted)
-        elif other == "maddpg_bc":
-            reasons.append("a contact ends the episode, where iql moves too far from the data")
+        elif not is_common and (contact_ends or is_shifted):
+            reasons.append(obstacle)
     algorithm = clone if has_expert else other
     return AlgorithmChoice(algorithm, tuple(reasons), tuple(_doubts(found, thresholds, asked)))
 
@@ -209,9 +220,9 @@ def choose_for(data: Dataset | Mixture) -> AlgorithmChoice:
     train = data.split("train")
     world = train.spec.world
     ends = world is not None and world.on_collision == "fail"
-    suits = train.n_steps >= MATD3_STEPS and train.spec.n_agents <= MATD3_ROBOTS
+    obstacle = matd3_obstacle(train.n_steps, train.spec.n_agents)
     found = EpisodeStatistics.of(train)
-    choice = choose_algorithm(found, contact_ends=ends, suits_matd3=suits)
+    choice = choose_algorithm(found, contact_ends=ends, obstacle=obstacle)
     if isinstance(train.spec, SideSpec):
         rule = (
             "the rule was measured without opponents, whose strength decides what a success means"

@@ -58,6 +58,8 @@ ESTIMATOR = f"{__name__}:estimator"
 
 RANKING_FOLDER = "ranking"  # of a cell, beside its run and its results
 
+LEFT_OUT = "they were left out (--no-estimates)."
+
 FITS = FQEConfig(hidden=(64, 64), n_fits=3)  # as cheap as one; the least is trusted
 
 
@@ -71,6 +73,7 @@ def tune(
     n_seeds: int = 2,
     n_steps: int | None = 200_000,
     n_episodes: int = 128,
+    estimates: bool = True,
     changes: Mapping[str, Any] | None = None,
     draws: int = 0,
     frame: str = "auto",
@@ -101,6 +104,8 @@ def tune(
         n_seeds: of each trial.
         n_steps: joint steps of each dataset, its first episodes; None: all.
         n_episodes: validation episodes of each seed.
+        estimates: whether rule B chooses, too; its fits take about as long as the trainings, and
+            the same call can add them later.
         changes: settings of all trials, such as `{"batch_size": 128}`, but no numbers of updates,
             which follow `n_updates`.
         draws: seed of the random settings.
@@ -114,7 +119,8 @@ def tune(
     Raises:
         UnknownNameError: no such algorithm, setting or dataset.
         SchemaError: the algorithm declares no search space.
-        SpecError: a number is out of its range, or a setting has the wrong type.
+        SpecError: a number is out of its range, a setting has the wrong type, or data without a
+            simulator are to be tuned on without estimates.
         OutputError: `out` has files that no tuning wrote.
         StaleCellError: `out` has trainings of another configuration, or a tuning on other data, and
             `again` is false.
@@ -134,12 +140,10 @@ def tune(
     _check_data(cells[0], work, again=again)
     options: dict[str, Any] = {"engine": engine, "workers": workers, "progress": progress}
     every = [cell for of_trial in cells for cell in of_trial]
-    _try_first(cells[0], work, again=again, **options)
+    _try_first(cells[0], work, estimates=estimates, again=again, **options)
     failures = run_cells(every, work, again=again, **options)
     done = [cell for cell in every if cell.name not in failures]
-    silent = why_without(done, work) if done else None
-    if silent is None:
-        run_estimates(done, work, **options)
+    silent = _estimate(done, work, **options) if estimates else LEFT_OUT
     made = _tuning(drawn, cells, unit, work, failures, silent)
     made.write(work)
     return made
@@ -158,10 +162,15 @@ def _check_data(cells: Sequence[Cell], work: Path, *, again: bool) -> None:
         )
 
 
-def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
+def _try_first(cells: Sequence[Cell], work: Path, *, estimates: bool, **options: Any) -> None:
     """Trains the first trial on data without a simulator; raises where estimates cannot choose."""
     if cells[0].n_episodes:
         return
+    if not estimates:
+        raise SpecError(
+            f"{cells[0].source} has no simulator, so that only offline estimates can choose; leave "
+            "out estimates=False (--no-estimates)"
+        )
     why_not = why_without_data(cells)
     if why_not is None:
         run_cells(cells, work, **options)
@@ -172,6 +181,14 @@ def _try_first(cells: Sequence[Cell], work: Path, **options: Any) -> None:
             "without a simulator, trials are chosen by offline estimates, and there are none: "
             + why_not
         )
+
+
+def _estimate(trained: Sequence[Cell], work: Path, **options: Any) -> str | None:
+    """Estimates the policies of trained cells; returns why that is impossible, else None."""
+    why_not = why_without(trained, work) if trained else None
+    if why_not is None:
+        run_estimates(trained, work, **options)
+    return why_not
 
 
 def _drawn(

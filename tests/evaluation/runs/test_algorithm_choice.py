@@ -118,7 +118,9 @@ def test_the_rule(common: float, success: float, shift: float, expected: str) ->
 
 def test_values_stay_close_to_the_data_where_robots_share_more_than_was_measured() -> None:
     found = EpisodeStatistics(common_reward=MATD3_COMMON + 0.001, best_success=0.3, best_shift=0.4)
-    assert choose_algorithm(found).algorithm == "iql"
+    choice = choose_algorithm(found)
+    assert choice.algorithm == "iql"
+    assert "matd3 is not known to be safe above 47 %" in choice.line
     assert choose_algorithm(found, matd3_common=0.5).algorithm == "matd3"
 
 
@@ -132,16 +134,16 @@ def test_where_a_contact_ends_the_episode_values_are_learned_close_to_the_data()
 
 
 @pytest.mark.parametrize(
-    ("rule", "n_robots", "n_steps", "expected"),
+    ("rule", "n_robots", "n_steps", "expected", "reason"),
     [
-        ("fail", 4, MATD3_STEPS, "maddpg_bc"),
-        ("continue", 4, MATD3_STEPS, "matd3"),
-        ("continue", MATD3_ROBOTS + 1, MATD3_STEPS, "iql"),
-        ("continue", 4, MATD3_STEPS - 1, "iql"),
+        ("fail", 4, MATD3_STEPS, "maddpg_bc", "a contact ends the episode"),
+        ("continue", 4, MATD3_STEPS, "matd3", "differ from those of all"),
+        ("continue", MATD3_ROBOTS + 1, MATD3_STEPS, "iql", "more than 8 robots, got 9"),
+        ("continue", 4, MATD3_STEPS - 1, "iql", "needs 500,000 joint steps, got 499,999"),
     ],
 )
 def test_rule_and_sizes_of_the_data_decide_which_values_are_learned(
-    rule: str, n_robots: int, n_steps: int, expected: str
+    rule: str, n_robots: int, n_steps: int, expected: str, reason: str
 ) -> None:
     n = 400
     returns = np.random.default_rng(0).normal(size=(n, n_robots))
@@ -151,7 +153,9 @@ def test_rule_and_sizes_of_the_data_decide_which_values_are_learned(
     found.n_steps = n_steps
     world = TaskSpec.parse({"on_collision": rule})
     found.spec = SimpleNamespace(world=world, n_agents=n_robots)
-    assert choose_for(found).algorithm == expected
+    choice = choose_for(found)
+    assert choice.algorithm == expected
+    assert reason in choice.line
 
 
 def test_what_no_measured_dataset_tells_apart_is_said() -> None:

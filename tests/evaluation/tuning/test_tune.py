@@ -139,6 +139,20 @@ def test_a_second_call_trains_nothing_and_more_trials_train_only_these(
 
 
 @pytest.mark.slow
+def test_estimates_may_be_left_out_and_added_later(
+    small_tune: Tune, tuned: Tuned, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    without = small_tune(out, n_seeds=2, estimates=False)
+    assert without.rules == ("validation",)
+    assert "offline estimates: they were left out (--no-estimates)" in without.caption
+    assert not (out / "offline.yaml").exists()
+    assert [each.scores for each in without.trials] == [each.scores for each in tuned.made.trials]
+    assert small_tune(out, n_seeds=2) == tuned.made
+    assert (out / "offline.yaml").exists()
+
+
+@pytest.mark.slow
 def test_two_datasets_and_their_first_steps(
     small_tune: Tune,
     tmp_path: Path,
@@ -207,6 +221,8 @@ def test_logs_that_no_rule_can_choose_on_are_refused_before_the_second_trial(
     small_tune: Tune, tmp_path: Path
 ) -> None:
     few = import_team(tmp_path, 9.0)
+    with pytest.raises(SpecError, match="no simulator, so that only offline estimates can choose"):
+        small_tune(tmp_path / "out", datasets=[few], estimates=False)
     with pytest.raises(ResultsError, match="the validation split is empty: none of 5 episodes"):
         small_tune(tmp_path / "out", datasets=[few])
     assert not (tmp_path / "out" / "cells").exists()

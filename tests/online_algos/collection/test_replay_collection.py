@@ -90,6 +90,23 @@ def test_normalized_batches_keep_the_first_statistics(two_episodes: Any, tmp_pat
     assert std.dtype == torch.float64
 
 
+@pytest.mark.parametrize(
+    ("capacity", "rows"),
+    [(400, (30, 0)), (100, (25, 5)), (40, (10, 10))],
+    ids=["room for all", "part of the margin", "both"],
+)
+def test_the_replay_is_no_longer_than_the_run(
+    two_episodes: Any, tmp_path: Path, capacity: int, rows: tuple[int, int]
+) -> None:
+    """Three rounds of ten rows, of four transitions each."""
+    run = Watch(two_episodes, tmp_path, capacity=capacity)
+    assert (run.replay.shape.capacity, run.replay.shape.margin) == rows
+    for _ in range(3):
+        run.update()
+    assert run.progress == 1
+    assert len(run.replay) == rows[0]
+
+
 def test_wrong_numbers_are_refused(two_episodes: Any, tmp_path: Path) -> None:
     with pytest.raises(SchemaError, match="got 4 copies for 2 seeds, expected n_copies = 4"):
         Watch(two_episodes, tmp_path, n_seeds=2)
