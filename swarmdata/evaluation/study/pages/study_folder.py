@@ -273,10 +273,11 @@ def _scores(found: Findings, out: Path) -> str:
 
 
 def _aggregate_sections(found: Findings, out: Path) -> dict[str, str]:
-    """The sections by title; none of fewer than two rows or datasets."""
+    """The sections by title; none of fewer than two rows or datasets, none twice."""
     sections, results, core = {}, found.results, found.core
     profiles = "\n![share of runs above a score](profiles.png)\n"
-    if body := _aggregates(results, out / "differences.png", profiles):
+    all_is_core = len(core.cases) == len(results.cases)
+    if not all_is_core and (body := _aggregates(results, out / "differences.png", profiles)):
         plot_score_profiles(comparable_scores(results).tables, found.looks, out / "profiles.png")
         sections["Aggregates over datasets"] = body
     if body := _aggregates(core, out / "core-differences.png"):
