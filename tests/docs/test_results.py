@@ -141,17 +141,19 @@ def test_what_is_said_of_policies_that_learn_on() -> None:
     def solved(label: str, data: str = "") -> int:
         return round(cell(f"continuation:{label}:{data}:success", STUDIES)[0])
 
-    nav, aisles = (
+    nav, aisles, shapes = (
         (solved("matd3", f"{task}-medium-replay"), solved(f"from-matd3-{task}"))
-        for task in ("coop_nav", "warehouse")
+        for task in ("coop_nav", "warehouse", "formation")
     )
-    anew = solved("anew-coop_nav")
+    anew, *others = (solved(f"anew-{task}") for task in ("coop_nav", "warehouse", "formation"))
     assert f"rise from {nav[0]} to {nav[1]} % success on `coop_nav`" in pages[page]
     assert f"and from {aisles[0]} to {aisles[1]} % on `warehouse`" in pages[page]
+    assert f"but fall from {shapes[0]} to {shapes[1]} % on `formation`" in pages[page]
     assert f"new networks reach {anew} % and nothing" in pages[page]
     said = f"solves {nav[1]} % of the episodes of `coop_nav` and {aisles[1]} % of `warehouse`; "
-    assert f"{said}from scratch, {anew} % and none" in pages["online-learning.md"]
-    assert solved("anew-warehouse") == 0
+    fall = f"On `formation`, success falls from {shapes[0]} to {shapes[1]} %"
+    assert f"{said}from scratch, {anew} % and none. {fall}" in pages["online-learning.md"]
+    assert others == [0, 0]
 
 
 def test_the_sum_over_robots_matters_on_one_dataset_only() -> None:

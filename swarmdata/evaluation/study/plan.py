@@ -43,7 +43,6 @@ Seeds = Annotated[
     BeforeValidator(_first_seeds),
     AfterValidator(_different),
 ]
-"""Of trainings; a number n means 0 to n - 1."""
 
 
 class Variant(Frozen):
@@ -220,7 +219,7 @@ class Study(Frozen):
     core: Names = ()  # of the datasets: rows that are on all of these are also compared apart
     algorithms: Annotated[dict[Label, Variant], Field(min_length=1), BeforeValidator(_by_label)]
     """Rows of the tables, by label."""
-    seeds: Seeds = (0, 1, 2, 3, 4)
+    seeds: Seeds = (0, 1, 2, 3, 4)  # of trainings; a number n means 0 to n - 1
     budget: Positive = 1.0  # times each algorithm's default number of updates
     hidden: Annotated[tuple[Width, ...], Field(min_length=1)] | None = None  # of actors and critics
     settings: dict[str, Any] = Field(default_factory=dict)  # for every algorithm that has them

@@ -204,7 +204,7 @@ def _protocol(found: Findings, command: str) -> str:
     facts = {
         "offline algorithms": f"{len(study.algorithms)}",
         "datasets": f"{len(study.datasets)}",
-        "training seeds": f"{len(study.seeds)}",
+        "training seeds": " or ".join(f"{n}" for n in sorted({*n_seeds})),
         "settings of all algorithms": ", ".join(f"`{k}` {v}" for k, v in study.settings.items()),
         "evaluation": f"{study.episodes:,} {BLOCK_NAMES[study.block]} seeds, last policies",
         "cells": f"{len(found.cells)}",
