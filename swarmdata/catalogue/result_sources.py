@@ -38,7 +38,6 @@ from swarmdata.rollouts.score_statistics import Estimate
 from swarmdata.runtime.batches import Failures
 from swarmdata.runtime.extras import require_extra
 from swarmdata.specs.origins import SideSpec
-from swarmdata.specs.plain_names import without_version
 from swarmdata.specs.task_spec import TaskSpec
 from swarmdata.types import Double
 
@@ -209,15 +208,13 @@ def _zoo_outcomes(
     committed: Sequence[ResultSource], datasets: Container[str]
 ) -> Iterator[tuple[str, Outcome]]:
     """The zoo's runs on some datasets with their results, which name the policies' files."""
-    known = set(zoo())
+    folders = {f"{ZOO}{name}": find_run(f"{ZOO}{name}") for name in zoo()}
+    runs = {run_hash(run, 0): name for name, run in folders.items() if run is not None}
     for outcome in (each for source in committed for each in source.outcomes):
-        name = f"{outcome.label}/{without_version(outcome.dataset)}"
-        is_wanted = outcome.results and outcome.dataset in datasets and name in known
-        folder = find_run(f"{ZOO}{name}") if is_wanted else None
-        if folder is not None:
-            first = outcome.results[0].provenance
-            if first.seed is not None and first.content == run_hash(folder, first.seed):
-                yield f"{ZOO}{name}", outcome
+        if outcome.results and outcome.dataset in datasets:
+            content = outcome.results[0].provenance.content
+            if content in runs:
+                yield runs[content], outcome
 
 
 def _scores(outcome: Outcome) -> Double:

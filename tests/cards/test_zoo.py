@@ -1,4 +1,4 @@
-"""The runs of the package are those that the results of the study `regimes` are of."""
+"""The runs of the package are those that results of committed studies are of."""
 
 import json
 import tarfile
@@ -16,35 +16,47 @@ import swarmdata
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.trained_policies import read_trained
-from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, zoo
+from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, seeds_of, zoo
 from swarmdata.registry.published import published
+from swarmdata.specs.plain_names import without_version
 
-STUDY = Path(str(files("swarmdata.cards"))) / "studies" / "regimes" / "cells.tar.xz"
+STUDIES = Path(str(files("swarmdata.cards"))) / "studies"
+
+MEASURED = ("regimes", "seeds")
+"""Studies with the results of all runs."""
 
 
 @pytest.fixture(scope="module")
 def results() -> dict[str, list[dict[str, Any]]]:
-    """The committed results of each shipped run, in the order of the seeds."""
-    found: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    shipped = zoo()
-    with tarfile.open(STUDY, mode="r:xz") as archive:
-        for member in archive:
-            cell, _, result = member.name.removeprefix("cells/").partition("/results/")
-            if result and cell in shipped and (file := archive.extractfile(member)):
-                found[cell].append(json.load(file))
-    return {k: sorted(v, key=lambda each: each["provenance"]["index"]) for k, v in found.items()}
+    """The committed results of each shipped run by its name, in the order of the seeds."""
+    found: dict[str, dict[int, dict[str, Any]]] = defaultdict(dict)
+    contents = {name: run_hash(Path(str(find_run(ZOO + name))), 0) for name in zoo()}
+    for study in MEASURED:
+        with tarfile.open(STUDIES / study / "cells.tar.xz", mode="r:xz") as archive:
+            for member in archive:
+                cell, _, result = member.name.removeprefix("cells/").partition("/results/")
+                name = cell.replace("-again/", "/")  # rows of `seeds` with new seeds
+                if result and name in contents and (file := archive.extractfile(member)):
+                    row = json.load(file)
+                    if row["provenance"]["content"] == contents[name]:
+                        found[name][row["provenance"]["index"]] = row
+    return {name: [rows[k] for k in sorted(rows)] for name, rows in found.items()}
 
 
 @pytest.mark.parametrize("name", zoo())
-def test_a_run_is_the_one_that_was_measured(name: str, results: dict[str, Any]) -> None:
+def test_a_run_is_one_that_was_measured(name: str, results: dict[str, Any]) -> None:
     run = find_run(ZOO + name)
     assert run is not None
     measured = results[name]
-    for seed, result in enumerate(measured):
-        assert run_hash(run, seed) == result["provenance"]["content"]
+    assert [each["provenance"]["seed"] for each in measured] == [
+        each.seed for each in seeds_of([run])
+    ]
+    assert len(measured) == 5
     (dataset,) = {each.dataset for each in read_trained(run).provenances}
     assert dataset is not None
     assert {each["provenance"]["digest"] for each in measured} == {published()[dataset].digest}
+    (algorithm,) = {each["provenance"]["algorithm"] for each in measured}
+    assert name == f"{algorithm}/{without_version(dataset)}"
 
 
 @pytest.mark.slow
@@ -52,7 +64,7 @@ def test_its_policies_get_the_measured_returns(results: dict[str, Any]) -> None:
     name = zoo()[0]
     target = find_target(ZOO + name)
     assert target.label == name.partition("/")[0]
-    policy = swarmdata.make_policy(ZOO + name, seed=1)
+    policy = swarmdata.make_policy(ZOO + name, seed=results[name][1]["provenance"]["seed"])
     found = swarmdata.evaluate(policy, target.spec, n_episodes=3)
     expected = results[name][1]["metrics"]["return"][:3]
     np.testing.assert_allclose(found.metrics["return"], expected, atol=1e-4)
