@@ -16,6 +16,7 @@ import swarmdata
 from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.trained_policies import read_trained
+from swarmdata.evaluation.study.plan import Study
 from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, seeds_of, zoo
 from swarmdata.registry.published import published
 from swarmdata.specs.plain_names import without_version
@@ -24,6 +25,9 @@ STUDIES = Path(str(files("swarmdata.cards"))) / "studies"
 
 MEASURED = ("regimes", "seeds")
 """Studies with the results of all runs."""
+
+COMPLETE = ("bc", "filtered_bc", "vdn", "mac_flow", "matd3")
+"""Algorithms with a run on every dataset of the core."""
 
 
 @pytest.fixture(scope="module")
@@ -68,6 +72,16 @@ def test_its_policies_get_the_measured_returns(results: dict[str, Any]) -> None:
     found = swarmdata.evaluate(policy, target.spec, n_episodes=3)
     expected = results[name][1]["metrics"]["return"][:3]
     np.testing.assert_allclose(found.metrics["return"], expected, atol=1e-4)
+
+
+def test_five_algorithms_are_complete_on_the_core() -> None:
+    core = Study.from_file(STUDIES / "regimes" / "study.yaml").core
+    complete = {f"{name}/{without_version(data)}" for name in COMPLETE for data in core}
+    assert complete <= set(zoo())
+    text = (Path(__file__).parents[2] / "docs/evaluation.md").read_text(encoding="utf-8")
+    assert f"and\n{len(zoo()) - len(complete)} others" in text
+    for name in COMPLETE:
+        assert f"`{name}`" in text
 
 
 def test_another_name_is_one_error() -> None:

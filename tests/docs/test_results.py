@@ -116,7 +116,7 @@ def test_sentences_about_the_core_are_those_of_the_files() -> None:
     }
     best = {name: max(scores[label, name] for label in labels) for name in core}
     worst = [max(best[name] - scores[label, name] for name in core) for label in labels]
-    assert f"at least {math.floor(min(worst))} points below the best on one of its twelve" in text
+    assert f"at least {math.floor(min(worst))} points below the best on one of the twelve" in text
     assert (len(labels), len(core)) == (12, 12)
     rest = [name for name in core if name not in TUNED_ON]
     assert len(rest) == 6
@@ -131,6 +131,15 @@ def test_sentences_about_the_core_are_those_of_the_files() -> None:
     assert above == {name for name in core if taken[name] in ("iql", "matd3")}
     mean = sum(scores[taken[name], name] for name in core) / len(core)
     assert f"have a mean of {mean:.0f} " in text
+
+
+def test_five_other_seeds_agree() -> None:
+    text = (ROOT / "docs/results/core.md").read_text(encoding="utf-8")
+    rows = [row for row in _rows(STUDIES / "seeds/differences.csv") if row["quantity"] == "score"]
+    clear = sum(float(row["low"]) > 0 or float(row["high"]) < 0 for row in rows)
+    changed = f"{clear} change" if clear > 1 else f"{clear} changes"
+    assert f"Of {len(rows)} scores, {changed} clearly; chance would change 2 or 3" in text
+    assert 2 < 0.05 * len(rows) < 3
 
 
 def test_what_is_said_of_policies_that_learn_on() -> None:
