@@ -317,7 +317,9 @@ def export_policy(
     out: Annotated[
         Path, typer.Argument(metavar="FILE", help="to write: policy.onnx, or policy.py")
     ],
-    seed: Annotated[int, typer.Option(min=0, help="seed of the training")] = 0,
+    seed: Annotated[
+        int | None, typer.Option(min=0, help="seed of the training", show_default="the first")
+    ] = None,
 ) -> None:
     """Export a policy for robots, as ONNX or Python with NumPy.
 

@@ -6,7 +6,7 @@ from typing import Any, get_args
 
 from swarmdata.errors import PolicyFitError, SpecError
 from swarmdata.evaluation.results.policy_names import find_target
-from swarmdata.evaluation.runs.named_policies import open_run
+from swarmdata.evaluation.runs.named_policies import index_of, open_run
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
@@ -25,7 +25,7 @@ SUFFIXES = (".onnx", ".py")  # of files that a policy can become
 Trainable = TaskSpec | SideSpec | RecordedSpec
 
 
-def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
+def export_policy(name: Path | str, path: Path | str, seed: int | None = None) -> Path:
     """Writes the policy of one training seed for robots: as ONNX, or as Python with NumPy alone.
 
     The file has the frame, the normalization, the network and its memory, the names of robots and
@@ -34,7 +34,7 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     Args:
         name: folder of a run.
         path: of the file, which must not exist: its suffix is `.onnx`, or `.py` for NumPy.
-        seed: of the training.
+        seed: of the training; None: the first.
 
     Raises:
         SpecError: the run has no such seed, or the file another suffix.
@@ -53,15 +53,12 @@ def export_policy(name: Path | str, path: Path | str, seed: int = 0) -> Path:
     from swarmdata.learn.deployment.onnx_file import export_onnx  # noqa: PLC0415  (torch)
 
     spec, policies, provenances = _trained(str(name))
-    seeds = [each.seed for each in provenances]
-    if seed not in seeds:
-        raise SpecError(f"{name} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
+    k = index_of(seed, provenances, name)
     if isinstance(spec, RecordedSpec):
         features = [column_names(agent.observation) for agent in spec.agents]
     else:
         task = spec.whole if isinstance(spec, SideSpec) else spec
         features = [[each.name for each in features_of(make_task(task))]] * spec.n_agents
-    k = seeds.index(seed)
     export = export_onnx if path.suffix == ".onnx" else export_numpy
     return export(
         policies[k],

@@ -17,6 +17,7 @@ from swarmdata.errors import UnknownNameError
 from swarmdata.evaluation.results.policy_names import find_target
 from swarmdata.evaluation.runs.trained_policies import read_trained
 from swarmdata.evaluation.study.plan import Study
+from swarmdata.learn.training.compact import is_same
 from swarmdata.learn.training.run_files import ZOO, find_run, run_hash, seeds_of, zoo
 from swarmdata.registry.published import published
 from swarmdata.specs.plain_names import without_version
@@ -82,6 +83,17 @@ def test_five_algorithms_are_complete_on_the_core() -> None:
     assert f"and\n{len(zoo()) - len(complete)} others" in text
     for name in COMPLETE:
         assert f"`{name}`" in text
+
+
+def test_the_first_seed_is_the_default() -> None:
+    name = f"{ZOO}bc/formation-expert"
+    run = find_run(name)
+    assert run is not None
+    first = seeds_of([run])[0].seed
+    assert first == 5
+    known = swarmdata.make_policy(name, seed=first)
+    default = swarmdata.make_policy(name)
+    assert is_same([known], [default])
 
 
 def test_another_name_is_one_error() -> None:

@@ -140,6 +140,11 @@ def test_five_other_seeds_agree() -> None:
     changed = f"{clear} change" if clear > 1 else f"{clear} changes"
     assert f"Of {len(rows)} scores, {changed} clearly; chance would change 2 or 3" in text
     assert 2 < 0.05 * len(rows) < 3
+    assert "in two of three pairs of runs, `mac_flow` is above it" in text
+    for study, again in (("regimes", ""), ("seeds", "-again")):
+        pair = {"label": f"vdn{again}", "minus": f"mac_flow{again}"}
+        (found,) = (r for r in _rows(STUDIES / study / "core.csv") if pair.items() <= r.items())
+        assert round(3 * float(found["probability_of_improvement"])) == 1
 
 
 def test_what_is_said_of_policies_that_learn_on() -> None:

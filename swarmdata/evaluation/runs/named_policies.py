@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from swarmdata.behavior_policies.learned import own_actor
 from swarmdata.errors import CheckpointError, SpecError, UnknownNameError, check_type
+from swarmdata.evaluation.runs.provenance import Provenance
 from swarmdata.interfaces import Policy
 from swarmdata.learn.training.run_files import POLICIES as SAVED
 from swarmdata.learn.training.run_files import find_run, run_hash, seeds_of
@@ -247,7 +248,7 @@ def make_policy(
     name: str | Path,
     spec: TaskSpec | Path | str | None = None,
     *,
-    seed: int = 0,
+    seed: int | None = None,
     side: str | None = None,
     **options: Any,
 ) -> Policy:
@@ -260,7 +261,8 @@ def make_policy(
             package, without action noise; or a training run, by its folder or as
             `zoo:ALGORITHM/DATASET`, whose newest policy is loaded.
         spec: the task; or a preset's name, or a spec file. None: that of the run's training.
-        seed: of a run's training, or the number of a tier's policy; others have one policy.
+        seed: of a run's training, or the number of a tier's policy; None: the first. Others have
+            one policy.
         side: of a tier, its policy that plays this side, as `evaluate` and `train_online` take
             `opponents`.
         options: of a registered policy, such as `noise` or `convention`.
@@ -285,19 +287,27 @@ def make_policy(
         )
     if run is not None:
         found = open_run(run)
-        seeds = [each.seed for each in found.provenances]
-        if seed not in seeds:
-            raise SpecError(f"{run} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
+        index = index_of(seed, found.provenances, run)
         if spec is None:
-            return found.policies()[seeds.index(seed)]
+            return found.policies()[index]
         advice = "Leave the spec out, and evaluate it with swarmdata.evaluate_parallel."
-        return found.fitted(find_spec(spec), advice)[seeds.index(seed)]
+        return found.fitted(find_spec(spec), advice)[index]
     if spec is None:
         raise SpecError(f"policy {name} needs a task: give a spec, a preset's name or a spec file")
     task = find_spec(spec)
     if name in POLICIES:
         return make_registered(str(name), task, **options)
-    return _policy_of_tier(str(name), task, seed, side)
+    return _policy_of_tier(str(name), task, seed or 0, side)
+
+
+def index_of(seed: int | None, provenances: Sequence[Provenance], name: object) -> int:
+    """The place of a seed among a run's; None: the first. SpecError if there is no such seed."""
+    seeds = [each.seed for each in provenances]
+    if seed is None:
+        return 0
+    if seed not in seeds:
+        raise SpecError(f"{name} has the seeds {', '.join(map(str, seeds))}, got seed {seed}")
+    return seeds.index(seed)
 
 
 def _policy_of_tier(name: str, task: TaskSpec, seed: int, side: str | None) -> Policy:

@@ -8,10 +8,12 @@ import json
 import tarfile
 from collections.abc import Iterator
 from dataclasses import replace
+from lzma import LZMAError
 from pathlib import Path
 
 from pydantic import Field
 
+from swarmdata.errors import StudyError
 from swarmdata.evaluation.runs.portable_names import without_places
 from swarmdata.evaluation.study.cells.cells import (
     CELL_FILE,
@@ -93,9 +95,18 @@ def _shortened(result: bytes) -> bytes:
 
 
 def read_archive(study: Study, file: Path, folder: Path) -> tuple[Findings, Notes]:
-    """Unpacks a study's archive into a folder of cells, and collects what they found."""
-    with tarfile.open(file, mode="r:xz") as archive:
-        archive.extractall(folder, filter="data")
+    """Unpacks a study's archive into a folder of cells, and collects what they found.
+
+    Raises:
+        StudyError: the archive is damaged.
+    """
+    try:
+        with tarfile.open(file, mode="r:xz") as archive:
+            archive.extractall(folder, filter="data")
+    except (tarfile.TarError, LZMAError, EOFError) as error:
+        raise StudyError(
+            f"{file} is damaged ({error}); restore it, or run the study from its plan"
+        ) from error
     notes = Notes.from_file(folder / NOTES_FILE)
     cells = [Cell.in_folder(path.parent) for path in sorted(folder.glob(f"cells/*/*/{CELL_FILE}"))]
     found = collect_findings(study, cells, folder, {})

@@ -184,7 +184,12 @@ def test_pages_are_made_again_from_the_folder_alone(finished: StudyOptions, tmp_
     after = {path.name: path.read_bytes() for path in moved.iterdir()}
     assert after == before
     assert {path.name for path in files} >= {"scores.png", "losses-q.png", "estimates.csv"}
-    (moved / "cells.tar.xz").unlink()
+    archive = moved / "cells.tar.xz"
+    for content in (b"garbage", archive.read_bytes()[:1000]):
+        archive.write_bytes(content)
+        with pytest.raises(StudyError, match=r"cells\.tar\.xz is damaged .*; restore it, or run"):
+            rewrite_pages(moved)
+    archive.unlink()
     with pytest.raises(StudyError, match=r"has no cells\.tar\.xz"):
         rewrite_pages(moved)
 
