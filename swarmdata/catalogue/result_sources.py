@@ -154,7 +154,7 @@ def own_sources(
 
 
 def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
-    """Verifies the entries in the folders of a folder.
+    """Verifies the entries in the folders of a folder, by name; a later copy of one is refused.
 
     Those that pass have the metrics that the verification evaluated, not those of their files.
     """
@@ -166,12 +166,19 @@ def entry_sources(folder: Path, failures: Failures) -> list[ResultSource]:
     if not places:
         raise DatasetNotFoundError(f"there are no entries of a leaderboard in {folder}")
     failures.n_items += len(places)
-    found = []
+    found, owners = [], dict[bytes, Path]()
     for place in places:
         with failures.item(str(place)):
             verdict = verify(place)
             if not verdict.is_verified:
                 raise SchemaError(f"it is rejected: {'; '.join(verdict.reasons)}")
+            played = [each.evaluation.metrics["return"].tobytes() for each in verdict.results]
+            if owner := next((owners[each] for each in played if each in owners), None):
+                raise SchemaError(
+                    f"a policy ends every episode as one of {owner} does: one of the two entries "
+                    "is a copy. Name a folder with one of them."
+                )
+            owners |= dict.fromkeys(played, place)
             failures.tell(f"{place}: verified")
             name = place.resolve().name
             source = _of_results(group_results(verdict.results), name)

@@ -344,8 +344,9 @@ def test_runs_on_other_data_make_no_entry(tiny: Path, tmp_path: Path) -> None:
 def test_the_catalogue_shows_what_was_evaluated_and_names_rejected_entries(
     honest: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("good", "bad"):
+    for name in ("bad", "good", "its-copy"):
         copytree(honest, tmp_path / name)
+    change(tmp_path / "its-copy" / "entry.json", license="another")
     change(tmp_path / "bad" / "entry.json", digest="0" * 64)
     metrics = [load_result(file).evaluation.metrics for file in (honest / "results").iterdir()]
     hidden = {"path_length": lambda old: [old[0] + 1e-9, *old[1:]]}  # as if rounded
@@ -354,8 +355,9 @@ def test_the_catalogue_shows_what_was_evaluated_and_names_rejected_entries(
     monkeypatch.setattr("swarmdata.evaluation.leaderboard.verify.verify", short)
     failures = Failures(1)
     sources = entry_sources(tmp_path, failures)
-    (reason,) = failures.reasons.values()
+    reason, copied = failures.reasons.values()
     assert "rejected: its dataset has digest 000000000000" in reason
+    assert f"as one of {tmp_path / 'good'} does: one of the two entries is a copy" in copied
     page = results_page(boards(sources), sources, frozenset()).body
     assert "good (verified)" in page
     (source,) = sources
